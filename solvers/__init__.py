@@ -1,0 +1,54 @@
+"""Physics of cables with nonlinear energy sinks: scene in, response out. No files, no MPI, no printing.
+
+Numba's disk cache serves a kernel whose callee in another file has changed; so the cache lives in a folder named
+by the hash of all solver sources, set here before any kernel is imported.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import os
+from pathlib import Path
+
+import numba
+
+
+def _source_hash() -> str:
+    digest = hashlib.sha256()
+    for path in sorted(Path(__file__).parent.rglob("*.py")):
+        digest.update(path.relative_to(Path(__file__).parent).as_posix().encode())
+        digest.update(path.read_bytes())
+    return digest.hexdigest()[:16]
+
+
+SOURCE_HASH = _source_hash()
+_root = os.environ.get("CABLE_SWEEP_CACHE") or str(Path(os.environ.get("XDG_CACHE_HOME", "~/.cache")).expanduser())
+numba.config.CACHE_DIR = str(Path(_root) / "cable-sweep" / f"numba-{SOURCE_HASH}")  # type: ignore[attr-defined]
+
+from .catalogue import METHODS, MODELS, needs, solve, warm_up  # noqa: E402
+from .model import Ask, CannotRepresent, Cost, Feature, Response, Status  # noqa: E402
+from .quantities import QUANTITIES  # noqa: E402
+from .scene import (  # noqa: E402
+    BNES,
+    TMD,
+    CubicNES,
+    Current,
+    End,
+    Harmonic,
+    Motion,
+    PointMass,
+    Scene,
+    Seabed,
+    Section,
+    Start,
+    Stochastic,
+    Table,
+    Water,
+    Window,
+)
+
+__all__ = [
+    "BNES", "METHODS", "MODELS", "QUANTITIES", "SOURCE_HASH", "TMD", "Ask", "CannotRepresent", "Cost", "CubicNES",
+    "Current", "End", "Feature", "Harmonic", "Motion", "PointMass", "Response", "Scene", "Seabed", "Section", "Start",
+    "Status", "Stochastic", "Table", "Water", "Window", "needs", "solve", "warm_up",
+]

@@ -1,0 +1,413 @@
+"""Lines x methods: who can do what, what a scene needs, the cheapest choice, and `solve`."""
+
+from __future__ import annotations
+
+import math
+import time
+from collections.abc import Callable
+from dataclasses import replace
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from . import scene as sc
+from .dispatch import GRAVITY, N_ENERGIES, STRAIN, call_energies, call_residual, has
+from .lines import lumped
+from .methods import explicit, implicit, statics
+from .methods.march import C_EVALUATIONS, C_FACTORS, C_REJECTED, C_STEPS, make_ends, make_output
+from .model import REMEDY, Ask, CannotRepresent, Cost, Feature, Response, Status
+
+ENERGY_TOLERANCE = 1e-3  # a ledger that closes better than this is closed
+LEAST_STEP = 1e-12  # [s]
+FLOOR_SPEED = 1e-4  # velocity errors below this speed never matter [m/s]
+REACH = 3.2  # largest step times |eigenvalue| of the explicit 5(4) pair, whose limit on the real axis is 3.31
+RING = 0.35  # largest step times the highest transverse frequency where devices ring it
+TAUT = 0.5  # largest step times device frequency while a cord is taut: six steps in the shortest impact
+UNGUIDED = 60  # segments where no excitation sets a wave length
+STEPS_PER_PERIOD = 12.0  # a fixed-step method needs this many in the shortest period that matters
+
+
+class Line(NamedTuple):
+    """An entry of the table of lines."""
+
+    build: Callable[[sc.Scene, int], Any]
+    features: Feature
+    meaning: str
+
+
+class Method(NamedTuple):
+    """An entry of the table of methods."""
+
+    verbs: tuple[str, ...]
+    adaptive: bool
+    tolerance: float  # default, of an adaptive method
+    meaning: str
+
+
+F = Feature
+MODELS: dict[str, Line] = {
+    "lumped": Line(
+        lumped.build,
+        F.BENDING | F.SEABED | F.DRAG | F.CURRENT | F.SLACK | F.DEVICE | F.FREE_DEVICE | F.ROD | F.MOTION | F.TRANSIENT
+        | F.PERIODIC | F.LARGE_MOTION | F.SPATIAL,
+        "lumped masses joined by springs, planar or spatial, with devices (paper 003)",
+    ),
+}  # fmt: skip
+_MARCH = ("drive", "residual", "energies", "gaps")
+METHODS: dict[str, Method] = {
+    "dopri5": Method(
+        (*_MARCH, "accelerate"), True, 1e-4, "explicit Runge-Kutta 5(4), error control in the energy norm"
+    ),
+    "rk4": Method((*_MARCH, "accelerate"), False, 0.0, "explicit Runge-Kutta, order 4, fixed step"),
+    "rk2": Method((*_MARCH, "accelerate"), False, 0.0, "explicit Runge-Kutta (Heun), order 2, fixed step"),
+    "genalpha": Method((*_MARCH, "tangent"), False, 0.0, "generalised-alpha, order 2, fixed step, Newton"),
+    "trbdf2": Method(
+        (*_MARCH, "tangent"), True, 1e-5, "TR-BDF2, order 2, implicit, error control in the energy norm"
+    ),
+}
+ALIASES = {"explicit": "dopri5", "implicit": "trbdf2"}
+
+
+def needs(scene: sc.Scene, ask: Ask | None = None) -> Feature:
+    """What a scene asks of a line: derived from its fields, never declared."""
+    found = Feature.NONE
+    if any(s.EI > 0 for s in scene.cable):
+        found |= F.BENDING
+    if any(not s.carries_compression for s in scene.cable):
+        found |= F.SLACK
+    if scene.seabed:
+        found |= F.SEABED
+    if scene.water and any(s.Cdn > 0 or s.Cdt > 0 for s in scene.cable):
+        found |= F.DRAG
+    if scene.water and scene.water.current:
+        found |= F.CURRENT
+    for device in scene.devices:
+        found |= F.FREE_DEVICE if device.kind == "bnes_free" else F.DEVICE
+        if device.rod_length > 0:
+            found |= F.ROD
+    if any(end.motion for end in (scene.end_a, scene.end_b)):
+        found |= F.MOTION
+    if len(lumped.params.basis_of(scene)) == 3:
+        found |= F.SPATIAL
+    if ask is not None and ask.duration > 0:
+        found |= F.TRANSIENT
+    return found
+
+
+def bending_matters(scene: sc.Scene, segments: int) -> bool:
+    """False where bending cannot show at this resolution: no clamp or rod makes a boundary layer, and everywhere
+    EI/(T l^2) is below 1e-3, T being the horizontal force of the elastic catenary and l a segment."""
+    clamped = any(end.kind == "clamped" for end in (scene.end_a, scene.end_b))
+    if clamped or any(device.rod_length > 0 for device in scene.devices) or not any(s.EI > 0 for s in scene.cable):
+        return any(s.EI > 0 for s in scene.cable)
+    found = catenary_of(scene)
+    if found is None:
+        return True
+    return max(s.EI for s in scene.cable) / (found.H * (scene.length / segments) ** 2) > 1e-3
+
+
+def without_bending(scene: sc.Scene) -> sc.Scene:
+    """The scene with EI = 0; what carried compression still does."""
+    cable = tuple(replace(s, EI=0.0, BI=0.0, compression=s.carries_compression) for s in scene.cable)
+    return replace(scene, cable=cable)
+
+
+class Choice(NamedTuple):
+    """What will run, why, and its estimated relative error."""
+
+    model: str
+    method: str
+    segments: int
+    reason: str
+    error: float
+
+
+def estimate(scene: sc.Scene, segments: int) -> float:
+    """Estimated relative error of the transverse response: (k h)^2/12 of the excitation's shortest wave on a lumped
+    mesh; NaN where no harmonic motion says what the shortest wave is."""
+    model = lumped.build(scene, segments)
+    nodes = model.guards(model.place(model.straight()))[2]
+    return math.nan if math.isinf(nodes) else (2 * math.pi / nodes) ** 2 / 12
+
+
+def cheapest(scene: sc.Scene, ask: Ask) -> Choice:
+    """The cheapest line, method and mesh whose estimated error meets ``ask.accuracy``.
+
+    Raises
+    ------
+    CannotRepresent
+        When the named model lacks a feature of the scene, or a name is unknown.
+    """
+    model = "lumped" if ask.model == "auto" else ask.model
+    if model not in MODELS:
+        raise CannotRepresent(f"no model is called {model!r}; there are {', '.join(MODELS)}")
+    method = ALIASES.get(ask.method, ask.method)
+    if method not in METHODS and method != "auto":
+        raise CannotRepresent(
+            f"no method is called {ask.method!r}; there are {', '.join([*METHODS, *ALIASES])}"
+        )
+    missing = needs(scene, ask) & ~MODELS[model].features
+    if missing:
+        able = [name for name, line in MODELS.items() if not needs(scene, ask) & ~line.features]
+        raise CannotRepresent(
+            f"{model} cannot represent {missing.name}; models that can: {', '.join(able) or 'none'}"
+        )
+    segments, why = ask.segments, "mesh as asked"
+    if segments is None:
+        segments = 20 if estimate(scene, 20) > 0 else UNGUIDED
+        while segments < 640 and estimate(scene, segments) > ask.accuracy:
+            segments = round(segments * 1.26)
+        error = estimate(scene, segments)
+        why = f"{segments} segments for an estimated error of {error:.2g}"
+        if math.isnan(error):
+            why = f"{segments} segments: nothing in the scene says how fine they must be"
+    if method == "auto":
+        if ask.step is not None:
+            method, why = "genalpha", f"a fixed step was asked; {why}"
+        elif scene.devices or segments <= 160:
+            method, why = (
+                "dopri5",
+                f"explicit: impacts, or a mesh so small that its axial step is cheap; {why}",
+            )
+        else:
+            method, why = (
+                "trbdf2",
+                f"implicit: no devices and a fine mesh, whose axial step would be dear; {why}",
+            )
+    if METHODS[method].adaptive is False and ask.step is None and ask.duration > 0:
+        raise CannotRepresent(f"{method} needs a `step`")
+    return Choice(model, method, segments, why, estimate(scene, segments))
+
+
+def static_state(model: Any) -> tuple[Status, np.ndarray, str]:
+    """Equilibrium of a model: catenary or straight line as a start, then relaxation."""
+    guesses = []
+    shape = catenary_guess(model)
+    if shape is not None:
+        guesses.append(shape)
+    guesses.append(model.straight())
+    # what rounding of the coordinates alone makes of the stiffest segment's force
+    rounding = float((model.pack.EA / model.pack.rest).max()) * float(np.spacing(np.abs(guesses[-1]).max()))
+    tolerance = max(1e-10 * model.force_scale, 8 * rounding)
+    result = (Status.NO_STATIC, model.place(guesses[0]), "")
+    for guess in guesses:
+        result = statics.equilibrium(model.softened(model.place(guess)), model.place(guess), model.reach, tolerance)
+        if result[0] == Status.OK:
+            break
+    model._aim(result[1][model.pack.at[: model.nodes, None] + np.arange(model.dim)])
+    return result
+
+
+class Catenary(NamedTuple):
+    """The elastic catenary between a scene's ends, with mean weight and stiffness."""
+
+    H: float  # horizontal force, vertical force at the upper end [N]
+    V: float
+    w: float  # wet weight, positive [N/m]
+    EA: float
+    sign: float  # -1 for a buoyant line, which hangs upwards
+    low: np.ndarray
+    high: np.ndarray
+    bed: bool
+
+
+def catenary_of(scene: sc.Scene) -> Catenary | None:
+    """None where a free end, a vertical or a weightless line leaves no catenary."""
+    a, b = scene.end_a.position, scene.end_b.position
+    if a is None or b is None:
+        return None
+    length = scene.length
+    w = sum(s.length * lumped.params.wet_weight(s, scene) for s in scene.cable) / length
+    EA = length / sum(s.length / s.EA for s in scene.cable)
+    pa, pb = np.array(a), np.array(b)
+    sign = 1.0 if w >= 0 else -1.0
+    low, high = (pa, pb) if sign * (pb - pa)[2] >= 0 else (pb, pa)
+    span, rise = float(np.hypot(*(high - low)[:2])), abs(float((high - low)[2]))
+    bed = bool(scene.seabed and abs(low[2] - scene.seabed.z) < 1e-6 * length and sign > 0)
+    if span < 1e-9 * length or abs(w) * length < 1e-9 * EA:
+        return None
+    try:
+        H, V = statics.catenary(span, rise, length, abs(w), EA, bed)
+    except ValueError:
+        return None
+    return Catenary(H, V, abs(w), EA, sign, low, high, bed)
+
+
+def catenary_guess(model: Any) -> np.ndarray | None:
+    """Nodes on the scene's elastic catenary; None where there is none."""
+    scene = model.scene
+    found = catenary_of(scene)
+    if found is None:
+        return None
+    flat = (found.high - found.low)[:2]
+    from_a = np.array_equal(found.low, np.array(scene.end_a.position))
+    s = model.mesh.s if from_a else scene.length - model.mesh.s
+    x, z = statics.catenary_shape(s, found.H, found.V, scene.length, found.w, found.EA, found.bed)
+    return found.low + np.outer(x / np.hypot(*flat), [*flat, 0.0]) + np.outer(found.sign * z, [0.0, 0.0, 1.0])
+
+
+def solve(scene: sc.Scene, ask: Ask) -> Response:
+    """Run a scene: model and method chosen or as asked.
+
+    Raises
+    ------
+    CannotRepresent
+        Before the run, for a choice that cannot represent the scene. Whatever goes wrong in the run is a Status.
+    """
+    choice = cheapest(scene, ask)
+    if needs(scene) & F.BENDING and not bending_matters(scene, choice.segments):
+        scene = without_bending(scene)
+        choice = choice._replace(reason=f"{choice.reason}; bending left out: it cannot show at this resolution")
+    model = MODELS[choice.model].build(scene, choice.segments)
+    missing = [v for v in METHODS[choice.method].verbs if not has(type(model.pack), v)]
+    if missing:
+        raise CannotRepresent(
+            f"{choice.method} needs the verbs {', '.join(missing)}, which {choice.model} lacks"
+        )
+    common: dict[str, Any] = {
+        "model": choice.model, "method": choice.method, "segments": choice.segments, "reason": choice.reason,
+        "estimated_error": choice.error,
+    }  # fmt: skip
+    if scene.start.kind == "given":
+        status, note = Status.OK, "given"
+        q, v = model.given()
+        static = q
+    else:
+        status, static, note = static_state(model)
+        q, v = static.copy(), np.zeros_like(static)
+    if status != Status.OK:
+        return Response(status=status, message=f"{note}; {REMEDY[status]}", **common)
+    if ask.perturbation > 0:
+        draw = np.random.default_rng(ask.seed)
+        v += ask.perturbation * draw.standard_normal(len(v))
+    return march(model, ask, choice, static, q, v, common)
+
+
+LEDGER = ("kinetic", "strain", "gravity", "work", "lost_water", "lost_cable", "lost_device", "lost_seabed", "rotation")
+RUNGE_KUTTA = {"dopri5": explicit.DOPRI5, "rk4": explicit.RK4, "rk2": explicit.RK2}
+
+
+class Limits(NamedTuple):
+    """Steps and tolerances of a march."""
+
+    first: float  # first step, or the fixed one [s]
+    tolerance: float  # 0 for a fixed step
+    most: float  # largest and smallest step [s]
+    least: float
+    taut: float  # largest step while a cord is taut [s]
+    floor: float  # kinetic energy of a speed that does not matter [J]
+
+
+def limits_of(model: Any, ask: Ask, name: str, fastest: dict[str, float]) -> Limits:
+    """First, largest and smallest step and tolerance of a method on a model."""
+    method, floor = METHODS[name], 0.5 * float(model.pack.weight.sum()) * FLOOR_SPEED**2
+    if not method.adaptive:
+        return Limits(float(ask.step or 0.0), 0.0, 1.0, 0.0, 1.0, floor)
+    tolerance = method.tolerance if ask.tolerance is None else ask.tolerance
+    most = min(ask.duration / 50, 2 * math.pi / model.omega / 20 if model.omega > 0 else math.inf)
+    quick = max(fastest["axial"], fastest["bending"], fastest["tension"])
+    first = 1 / quick if quick > 0 else most
+    if name in RUNGE_KUTTA:
+        stable = REACH / fastest["decay"] if fastest["decay"] > 0 else math.inf
+        taut = TAUT / fastest["device"] if fastest["device"] > 0 else math.inf
+        if model.n_gaps > 0:  # impacts ring in the highest transverse modes, which a long step would damp
+            ringing = max(fastest["bending"], fastest["tension"])
+            most = min(most, RING / ringing if ringing > 0 else most)
+        return Limits(min(first, most), tolerance, min(most, stable), LEAST_STEP, taut, floor)
+    return Limits(min(first, 1e-3 * most), tolerance, most, LEAST_STEP, math.inf, floor)
+
+
+def march(
+    model: Any, ask: Ask, choice: Choice, static: np.ndarray, q: np.ndarray, v: np.ndarray, common: dict[str, Any]
+) -> Response:
+    """From the start to a Response."""
+    pack, name = model.pack, choice.method
+    if ask.duration <= 0:
+        return _at_rest(model, static, common)
+    fastest = model.fastest(static)
+    limits = limits_of(model, ask, name, fastest)
+    grid = np.arange(int(ask.duration / ask.interval + 1e-9) + 1) * ask.interval
+    out, s = make_output(grid, model.ndof, len(pack.fixed)), make_ends(model.ndof)
+    s.q[0], s.v[0] = q, v
+    pieces = np.array([0.0, *(x for x in model.breaks if 0 < x < ask.duration), ask.duration])
+
+    def run(pieces: np.ndarray) -> int:
+        if name in RUNGE_KUTTA:
+            table = RUNGE_KUTTA[name]
+            work = explicit.make_work(table, model.ndof, model.n_gaps)
+            return int(explicit.march(pack, s, out, work, pieces, table, *limits, ask.max_steps))
+        newton = implicit.make_work(model.ndof, pack.bw)
+        if name == "trbdf2":
+            steps = (limits.first, limits.tolerance, limits.most, limits.least, limits.floor)
+            return int(implicit.tr_bdf2(pack, s, out, newton, pieces, *steps, ask.max_steps))
+        first, floor = limits.first, limits.floor
+        return int(implicit.generalised_alpha(pack, s, out, newton, pieces, first, ask.rho, floor, ask.max_steps))
+
+    run(pieces[:1])  # compiles, or loads from the disk cache, and marches nothing: seconds are those of the march
+    begun = time.perf_counter()
+    code = Status(run(pieces))
+    seconds = time.perf_counter() - begun
+    counts = [int(out.counts[k]) for k in (C_STEPS, C_REJECTED, C_EVALUATIONS, C_FACTORS)]
+    cost = Cost(counts[0], counts[1], counts[2], counts[3], seconds)
+    done = int(out.at[0])
+    residual = float(s.peak[2]) / max(float(s.peak[0]), float(s.peak[1]), limits.floor)
+    matters = max(model.omega, fastest["device"])
+    per_period = 2 * math.pi * cost.steps / (matters * ask.duration) if matters > 0 else math.inf
+    guard, note, nodes = model.guards(static)
+    if code == Status.OK and done == len(grid):
+        status, message = verdict(residual, guard, note, math.inf if METHODS[name].adaptive else per_period)
+    else:
+        status = Status.DIVERGED if code == Status.OK else code
+        message = f"stopped at t = {grid[done - 1]:.6g} s" if done else ""
+    if status != Status.OK:
+        message = f"{message}; {REMEDY[status]}" if message else REMEDY[status]
+    signals = model.observe(out.q[:done], out.v[:done], out.f[:done], static)
+    zero = _static_energy(model, static)
+    signals |= {what: out.ledger[:done, k] - zero.get(what, 0.0) for k, what in enumerate(LEDGER)}
+    return Response(
+        status=status, message=message, t=grid[:done], signals=signals, energy_residual=residual, nodes_per_wave=nodes,
+        steps_per_period=per_period, cost=cost, **common,
+    )  # fmt: skip
+
+
+def verdict(residual: float, guard: Status, note: str, steps_per_period: float) -> tuple[Status, str]:
+    """Status and sentence of a run that came to its end: ledger, mesh, step, in this order."""
+    if not residual <= ENERGY_TOLERANCE:
+        return Status.ENERGY_OPEN, f"energy residual {residual:.2e} of the peak energy"
+    if guard != Status.OK:
+        return guard, note
+    if steps_per_period < STEPS_PER_PERIOD:
+        found = f"{steps_per_period:.1f} steps in the shortest period that matters"
+        return Status.COARSE_STEP, f"{found}; {STEPS_PER_PERIOD:g} are needed"
+    return Status.OK, note
+
+
+def _static_energy(model: Any, static: np.ndarray) -> dict[str, float]:
+    e, zero = np.zeros(N_ENERGIES), np.zeros(len(static))
+    call_energies(0.0, static, zero, zero, model.pack, e)
+    return {"strain": float(e[STRAIN]), "gravity": float(e[GRAVITY])}
+
+
+def _at_rest(model: Any, static: np.ndarray, common: dict[str, Any]) -> Response:
+    """The static state alone, as a Response with one sample."""
+    guard, note, nodes = model.guards(static)
+    zero, r = np.zeros(len(static)), np.zeros(len(static))
+    call_residual(0.0, static, zero, zero, model.pack, r)
+    signals = model.observe(static[None], zero[None], r[model.pack.fixed][None], static)
+    message = f"{note}; {REMEDY[guard]}" if guard != Status.OK else note
+    return Response(
+        status=guard, message=message, t=np.zeros(1), signals=signals, energy_residual=0.0, nodes_per_wave=nodes,
+        **common,
+    )  # fmt: skip
+
+
+def warm_up() -> None:
+    """Compile, or load from the disk cache, the kernels that a planar study needs."""
+    cable = sc.Section(length=10.0, d=0.1, mass=10.0, EA=1e6, EI=1e3, BA=10.0)
+    scene = sc.Scene(
+        cable=(cable,), water=sc.Water(), end_a=sc.End(kind="clamped", position=(0, 0, -10.01), direction=(0, 0, 1)),
+        end_b=sc.End(kind="clamped", position=(0, 0, 0), direction=(0, 0, 1), motion=sc.Motion(
+            harmonics=(sc.Harmonic(amplitude=(0.01, 0, 0), frequency=1.0),))),
+        devices=(sc.BNES(s=5.0, mass=1.0, EA=1e5, rod="cords"),),
+    )  # fmt: skip
+    solve(scene, Ask(duration=0.01, segments=12, method="dopri5"))

@@ -1,0 +1,1 @@
+"""How a line is marched. Methods know the contract's verbs and no line."""

@@ -1,0 +1,210 @@
+"""Statics: the elastic catenary in closed form, and Newton on the contract's residual with load continuation.
+
+Newton alone lands on spurious shapes; so it starts as a damped relaxation, (K + mu W) dq = -F with mu falling as the
+residual falls, which follows the way down the potential energy and ends as Newton.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from typing import Any
+
+import numpy as np
+from numba import njit
+from scipy.optimize import brentq
+
+from ..banded import factor, hold, substitute
+from ..dispatch import drive, residual, tangent
+from ..model import Status
+
+
+@njit(cache=True)
+def relax(t, q, pack, tolerance, most, reach):
+    """Equilibrium of F(t, q, 0, 0) = 0 from q, in place; (status, iterations, largest free residual [N]).
+
+    `reach` [m] caps the largest change of a dof in one iteration. A row without stiffness (a mass between slack
+    cords) stays where it is.
+    """
+    n = len(q)
+    zero, a, v, r = np.zeros(n), np.zeros(n), np.zeros(n), np.zeros(n)
+    best, trial = np.zeros(n), np.zeros(n)
+    J = np.zeros((n, 2 * pack.bw + 1))
+    free = np.ones(n, np.bool_)
+    for k in range(len(pack.fixed)):
+        free[pack.fixed[k]] = False
+    drive(t, pack, q, v, a)
+    residual(t, q, zero, zero, pack, r)
+    size, heavy = 0.0, 0.0
+    for i in range(n):
+        if free[i]:
+            size = max(size, abs(r[i]))
+            heavy = max(heavy, abs(r[i]) / pack.weight[i])
+    mu = 10.0 * heavy / reach
+    polished, last = 0, 1e300
+    for it in range(most):
+        if size <= tolerance:  # rounding of stiff segments bounds it: Newton goes on until its steps are small too
+            if last <= 1e-6 * reach or polished == 8:
+                return 0, it, size
+            polished += 1
+            mu = 0.0
+        tangent(t, q, zero, zero, 1.0, 0.0, 0.0, pack, J)
+        for i in range(n):
+            if J[i, pack.bw] == 0.0:
+                J[i, pack.bw] = 1e-3 * pack.weight[i]
+            J[i, pack.bw] += mu * pack.weight[i]
+        hold(J, pack.bw, pack.fixed)
+        for i in range(n):
+            best[i] = -r[i] if free[i] else 0.0
+        ok = factor(J, pack.bw)
+        if ok:
+            substitute(J, pack.bw, best)
+        big = 0.0
+        for i in range(n):
+            if not (abs(best[i]) <= big):
+                big = abs(best[i])
+        new = 1e300
+        if ok and big < 1e30:
+            scale = min(1.0, reach / big) if big > 0.0 else 1.0
+            for i in range(n):
+                trial[i] = q[i] + scale * best[i]
+            residual(t, trial, zero, zero, pack, v)
+            new = 0.0
+            for i in range(n):
+                if free[i] and not (abs(v[i]) <= new):
+                    new = abs(v[i])
+        if new < 1e300 and (new <= 5.0 * size or big <= (1.0 if polished > 0 and mu == 0.0 else 1e-3) * reach):
+            last = big if mu == 0.0 else 1e300
+            q[:] = trial
+            r[:] = v
+            ratio = new / size if size > 0.0 else 0.0
+            mu *= min(2.0, max(0.02, ratio))
+            if big < 0.1 * reach:
+                mu *= 0.3
+            if mu * reach < 1e-9 * heavy:
+                mu = 0.0
+            size = new
+        else:
+            mu = max(mu * 8.0, 1e-6 * heavy / reach)
+    return (0, most, size) if size <= tolerance else (1, most, size)
+
+
+def equilibrium(packs: Sequence[Any], q: np.ndarray, reach: float, tolerance: float) -> tuple[Status, np.ndarray, str]:
+    """Static state from the guess q: at once, else through softer packs, else with load continuation.
+
+    Parameters
+    ----------
+    packs : sequence of NamedTuple
+        A line whose stiffness grows up to the real one, which is the last; each has a `load_factor`, 1 for the whole
+        steady load.
+    q : (ndof,) float [m]
+    reach : float [m]
+        Largest change in one iteration; the order of a segment length.
+    tolerance : float [N]
+        Largest residual accepted at a free dof.
+    """
+    real, trial = packs[-1], np.array(q)
+    failed, iterations, size = relax(0.0, trial, real, tolerance, 400, reach)
+    if not failed:
+        return Status.OK, trial, f"{iterations} iterations, residual {size:.1e} N"
+    trial = np.array(q)
+    for pack in packs:  # a softer stage may stop short: the next goes on from there
+        failed, iterations, size = relax(0.0, trial, pack, tolerance, 3000, reach)
+    if not failed:
+        return Status.OK, trial, f"reached through softer lines, residual {size:.1e} N"
+    trial, load, step = np.array(q), 0.0, 0.05
+    while load < 1.0:
+        target = min(1.0, load + step)
+        attempt = np.array(trial)
+        failed, _, size = relax(0.0, attempt, real._replace(load_factor=target), tolerance, 400, reach)
+        if failed:
+            step *= 0.5
+            if step < 1e-4:
+                return Status.NO_STATIC, trial, f"residual {size:.1e} N at load factor {target:.3g}"
+        else:
+            trial, load, step = attempt, target, step * 1.5
+    return Status.OK, trial, "reached by load continuation"
+
+
+# ---------------------------------------------------------------------------------------------- catenary
+
+
+def catenary(
+    span: float, rise: float, length: float, w: float, EA: float, bed: bool = False
+) -> tuple[float, float]:
+    """Horizontal and vertical force H, V at the upper end of an elastic catenary [N].
+
+    Parameters
+    ----------
+    span, rise : float [m]
+        Horizontal and vertical distance of the upper from the lower end, both >= 0.
+    length, w, EA : float
+        Unstretched length [m], wet weight > 0 [N/m], axial stiffness [N].
+    bed : bool
+        A frictionless bed at the lower end's level carries what would hang below it.
+
+    Raises
+    ------
+    ValueError
+        When no catenary fits (no weight, or the cable neither stretches nor hangs to the ends).
+    """
+    if not w > 0:
+        raise ValueError("a catenary needs weight")
+
+    def ends(H: float, V: float) -> tuple[float, float]:
+        if bed and V < w * length:  # part of the line rests
+            hang = V / w
+            x = length - hang + H / w * math.asinh(V / H) + H * length / EA
+            z = H / w * (math.hypot(1, V / H) - 1) + V * V / (2 * EA * w)
+            return x, z
+        low = V - w * length
+        x = H / w * (math.asinh(V / H) - math.asinh(low / H)) + H * length / EA
+        z = H / w * (math.hypot(1, V / H) - math.hypot(1, low / H)) + length / EA * (V - w * length / 2)
+        return x, z
+
+    def vertical(H: float) -> float:
+        lo, hi = -w * length, w * length
+        if bed:
+            lo = 0.0
+        while ends(H, hi)[1] < rise:
+            hi *= 2
+            if hi > 1e18:
+                raise ValueError("no catenary fits")
+        while ends(H, lo)[1] > rise and not bed:
+            lo *= 2
+            if lo < -1e18:
+                raise ValueError("no catenary fits")
+        return float(brentq(lambda V: ends(H, V)[1] - rise, lo, hi, xtol=1e-13 * hi, rtol=8.9e-16))
+
+    lo, hi = 1e-9 * w * length, w * length
+    if ends(lo, vertical(lo))[0] > span:
+        raise ValueError("the line hangs straight down: no catenary with a horizontal force")
+    while ends(hi, vertical(hi))[0] < span:
+        hi *= 2
+        if hi > 1e15 * w * length:
+            raise ValueError("no catenary fits")
+    H = float(
+        np.exp(
+            brentq(
+                lambda u: ends(math.exp(u), vertical(math.exp(u)))[0] - span,
+                math.log(lo),
+                math.log(hi),
+                xtol=1e-15,
+                rtol=8.9e-16,
+            )
+        )
+    )
+    return H, vertical(H)
+
+
+def catenary_shape(
+    s: np.ndarray, H: float, V: float, length: float, w: float, EA: float, bed: bool = False
+) -> tuple[np.ndarray, np.ndarray]:
+    """x(s), z(s) of the elastic catenary from its lower end, s unstretched [m]."""
+    start = max(0.0, length - V / w) if bed else 0.0
+    low = (V - w * length) if start == 0.0 else 0.0
+    u = np.clip(s - start, 0.0, None)
+    up = low + w * u
+    x = np.minimum(s, start) * (1 + H / EA) + H / w * (np.arcsinh(up / H) - np.arcsinh(low / H)) + H * u / EA
+    z = H / w * (np.hypot(1, up / H) - np.hypot(1, low / H)) + (up * up - low * low) / (2 * EA * w)
+    return x, z

@@ -1,0 +1,154 @@
+"""The contract: a scene becomes a Model, a method marches it, a Response comes back. Read this file first.
+
+To a method a line is a parameter pack (a NamedTuple of arrays and floats) and the verbs of ``dispatch`` on it.
+To everybody else it is a ``Model``: its pack, its start, and ``observe``, which turns states into quantities.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, field
+from enum import Flag, IntEnum, auto
+from typing import Any, NamedTuple, Protocol
+
+import numpy as np
+
+
+class Feature(Flag):
+    """What a scene needs and a line can represent; ``catalogue.needs`` derives it, nobody sets it by hand."""
+
+    NONE = 0
+    BENDING = auto()
+    SEABED = auto()
+    DRAG = auto()
+    CURRENT = auto()
+    SLACK = auto()
+    DEVICE = auto()
+    FREE_DEVICE = auto()
+    ROD = auto()
+    MOTION = auto()
+    TRANSIENT = auto()
+    PERIODIC = auto()
+    LARGE_MOTION = auto()
+    SPATIAL = auto()
+    TORSION = auto()
+
+
+class Status(IntEnum):
+    """How a run ended. Only OK is trusted."""
+
+    OK = 0
+    DIVERGED = 1
+    NO_CONVERGENCE = 2
+    STEP_TOO_SMALL = 3
+    TOO_MANY_STEPS = 4
+    UNRESOLVED = 5
+    COARSE_STEP = 6
+    ENERGY_OPEN = 7
+    NO_STATIC = 8
+    CANNOT_REPRESENT = 9
+
+
+REMEDY = {
+    Status.OK: "nothing to do",
+    Status.DIVERGED: "the state left the finite numbers: take a step below the stability limit, or an adaptive method",
+    Status.NO_CONVERGENCE: "Newton did not converge: lower the step or the tolerance, or use the explicit method",
+    Status.STEP_TOO_SMALL: "the step fell below its least value: raise the tolerance or soften the stiffest part",
+    Status.TOO_MANY_STEPS: "the step budget is spent: raise `max_steps`, the tolerance, or use a cheaper mesh",
+    Status.UNRESOLVED: "the mesh is too coarse for the waves or the boundary layer in this scene: raise `segments`",
+    Status.COARSE_STEP: "the step is too long for the shortest period that matters: lower `step`",
+    Status.ENERGY_OPEN: "the energy balance does not close: lower `tolerance` or `step`",
+    Status.NO_STATIC: "no static start was found: check weight, length and ends, or give the start's shape",
+    Status.CANNOT_REPRESENT: "choose a model that can represent the scene (`sweep models`)",
+}
+
+
+class CannotRepresent(ValueError):
+    """A setup error: the model or method lacks a feature that a field of the scene asks for."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class Ask:
+    """What is wanted of a run. ``auto`` and None are chosen by the catalogue, and the choice is reported."""
+
+    duration: float = 0.0  # [s]; 0 asks for the static state alone
+    model: str = "auto"
+    method: str = "auto"  # explicit (dopri5), rk2, rk4, genalpha, implicit (trbdf2)
+    segments: int | None = None  # N, over the whole cable
+    accuracy: float = 0.05  # wanted relative error of the transverse response; chooses `segments` when None
+    tolerance: float | None = None  # local error of an adaptive method, in the energy norm
+    step: float | None = None  # of a fixed-step method [s]
+    rho: float = 0.8  # generalised-alpha: spectral radius at infinity
+    interval: float = 1e-3  # of the output grid [s]
+    max_steps: int = 20_000_000
+    perturbation: float = 0.0  # standard deviation of random initial velocities [m/s]: error bars of chaotic responses
+    seed: int = 0  # of that perturbation
+
+    def __post_init__(self) -> None:
+        """Raises ValueError that lists every field out of its range."""
+        wrong = [f"{name} = {value!r}: {rule}" for name, value, ok, rule in (
+            ("duration", self.duration, 0 <= self.duration < math.inf, "must be 0 or more [s]"),
+            ("segments", self.segments, self.segments is None or 1 <= self.segments <= 100_000, "must be 1 to 100000"),
+            ("accuracy", self.accuracy, 0 < self.accuracy < 1, "must lie between 0 and 1"),
+            ("tolerance", self.tolerance, self.tolerance is None or 0 < self.tolerance < 1, "must lie between 0 and 1"),
+            ("step", self.step, self.step is None or 0 < self.step < math.inf, "must be above 0 [s]"),
+            ("rho", self.rho, 0 <= self.rho <= 1, "must be 0 to 1"),
+            ("interval", self.interval, 0 < self.interval < math.inf, "must be above 0 [s]"),
+            ("max_steps", self.max_steps, self.max_steps >= 1, "must be 1 or more"),
+            ("perturbation", self.perturbation, 0 <= self.perturbation < math.inf, "must be 0 or more [m/s]"),
+        ) if not ok]  # fmt: skip
+        if wrong:
+            raise ValueError("; ".join(wrong))
+
+
+class Cost(NamedTuple):
+    """Counted work of a run, and its seconds (the only number that depends on the machine)."""
+
+    steps: int = 0
+    rejected: int = 0
+    evaluations: int = 0  # residuals or accelerations
+    factorisations: int = 0
+    seconds: float = 0.0  # of the march, compilation excluded
+
+
+@dataclass(frozen=True, kw_only=True)
+class Response:
+    """What a run gives back; ``signals`` are named and described in ``quantities.QUANTITIES``."""
+
+    status: Status
+    message: str = ""
+    t: np.ndarray = field(default_factory=lambda: np.zeros(0))  # (nt,) [s]
+    signals: dict[str, np.ndarray] = field(default_factory=dict)
+    energy_residual: float = float("nan")  # |work - dissipated - change| / peak(kinetic + potential above static)
+    nodes_per_wave: float = float("inf")  # nodes in the shortest transverse wave of the excitation
+    steps_per_period: float = float("inf")  # steps in the shortest period that matters
+    cost: Cost = field(default_factory=Cost)
+    model: str = ""
+    method: str = ""
+    segments: int = 0  # N as asked or chosen; rods and devices may make the mesh differ by a few
+    reason: str = ""  # why this model, method and mesh
+    estimated_error: float = float("nan")  # relative, of the transverse response
+
+    @property
+    def trusted(self) -> bool:
+        """Status OK, which includes a closed energy ledger and both resolution guards."""
+        return self.status == Status.OK
+
+
+class Model(Protocol):
+    """A discretised scene: what `catalogue.solve` needs of a line."""
+
+    name: str
+    pack: Any  # NamedTuple that the verbs dispatch on, with `fixed`, `weight`, `bw`, `load_factor`
+    static_pack: Any  # the same with a released end still held
+    breaks: tuple[float, ...]  # times at which the motion is not smooth [s]
+    omega: float  # highest angular frequency of the excitation [rad/s]
+    segments: int
+    ndof: int
+    n_gaps: int
+
+    def place(self, shape: np.ndarray) -> np.ndarray: ...
+    def given(self) -> tuple[np.ndarray, np.ndarray]: ...
+    def observe(self, q: np.ndarray, v: np.ndarray, force: np.ndarray, static: np.ndarray) -> dict[str, np.ndarray]: ...
+    def fastest(self, static: np.ndarray) -> dict[str, float]: ...
+    def guards(self, static: np.ndarray) -> tuple[Status, str, float]: ...

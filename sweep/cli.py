@@ -1,0 +1,262 @@
+"""The commands. Options say where and how much; what is computed stands in the study alone.
+
+Exit codes: 0 good (untrusted points only warn), 1 finished with failed points, 2 bad input, 3 interrupted and
+resumable.
+"""
+
+from __future__ import annotations
+
+import json
+import logging
+import os
+import sys
+from enum import StrEnum
+from pathlib import Path
+from typing import Annotated, Any
+
+import typer
+import xarray as xr
+from rich.console import Console
+
+from solvers import METHODS, MODELS, CannotRepresent, warm_up
+
+from . import config, distribute, pareto, report, store
+from . import plan as planning
+from . import run as running
+
+app = typer.Typer(
+    add_completion=False,
+    no_args_is_help=True,
+    pretty_exceptions_enable=False,
+    help="Parallel parameter studies of subsea cables with nonlinear energy sinks: from one YAML to a front.",
+)
+BAD_INPUT = (config.ConfigError, store.StoreError, distribute.CannotRun, CannotRepresent)
+Folder = Annotated[Path, typer.Argument(metavar="DIR", help="a study's results folder")]
+File = Annotated[Path, typer.Argument(metavar="STUDY.yaml", help="the study")]
+Limit = Annotated[int | None, typer.Option(min=1, metavar="N", help="the first N designs only")]
+
+
+class Retry(StrEnum):
+    """Which finished points to run again."""
+
+    failed = "failed"
+    untrusted = "untrusted"
+    timeout = "timeout"
+
+
+def say(text: object = "", err: bool = False) -> None:
+    try:
+        typer.echo(str(text), err=err)
+    except BrokenPipeError:  # `sweep show ... | head`: the work goes on, what it says goes nowhere
+        os.dup2(os.open(os.devnull, os.O_WRONLY), (sys.stderr if err else sys.stdout).fileno())
+
+
+def complain(error: BaseException) -> int:
+    """Print what is wrong as a sentence; the exit code."""
+    say(error, err=True)
+    return 3 if getattr(error, "resumable", False) else 2
+
+
+def main() -> None:
+    """Run a command; bad input is a sentence and exit code 2, never a traceback."""
+    try:
+        app(prog_name="sweep")
+    except BAD_INPUT as error:
+        sys.exit(complain(error))
+
+
+# --------------------------------------------------------------------------------------------- before a run
+
+
+@app.command()
+def check(study: File, limit: Limit = None) -> None:
+    """What would run: points, model and method and why, resolution, cost and disk. Runs a few pilots."""
+    loaded = config.load_study(study)
+    plan = planning.make_plan(loaded, limit)
+    warm_up()
+    say(report.describe(loaded, plan, planning.pilot(loaded)))
+
+
+@app.command()
+def models() -> None:
+    """The models of a cable and the methods that march them."""
+    for title, catalogue in (("models", MODELS), ("methods", METHODS)):
+        rows = [(name, report.about(entry)) for name, entry in catalogue.items()]
+        say(report.table(title, ("name", "what it is"), rows, Console()) + "\n")
+
+
+@app.command()
+def metrics() -> None:
+    """Every metric: unit, which way is better, definition."""
+    rows = [
+        (m.name + ("[_i]" if m.per_device else ""), m.unit, m.direction or "-", m.definition, m.equation)
+        for m in config.METRICS.values()
+    ]
+    say(report.table("", ("metric", "unit", "better", "definition", "equation"), rows, Console()))
+
+
+@app.command()
+def schema() -> None:
+    """JSON schema of a study, for editors."""
+    say(json.dumps(config.study_schema(), indent=1))
+
+
+# --------------------------------------------------------------------------------------------- running
+
+
+def _slice(text: str | None) -> tuple[int, int] | None:
+    if text is None:
+        return None
+    k, _, n = text.partition("/")
+    if not (k.isdigit() and n.isdigit() and int(k) < int(n)):
+        raise typer.BadParameter(f"{text!r} is not K/N with K from 0 to N-1", param_hint="--part")
+    return int(k), int(n)
+
+
+@app.command()
+def run(
+    study: File,
+    out: Annotated[
+        Path, typer.Option(metavar="DIR", help="results folder; what is done there is not run again")
+    ],
+    limit: Limit = None,
+    part: Annotated[
+        str | None, typer.Option(metavar="K/N", help="slice K of N (K = 0 to N-1), then `merge`")
+    ] = None,
+    retry: Annotated[list[Retry] | None, typer.Option(help="run these again; may be given twice")] = None,
+    force_version: Annotated[bool, typer.Option(help="add to rows of another solver version")] = False,
+) -> None:
+    """Run what is missing, on this core or, under `mpirun -n P python -m mpi4py -m sweep run`, on P."""
+    ranks = distribute.world()
+    level = logging.INFO if ranks.rank == 0 else logging.WARNING
+    logging.basicConfig(level=level, format="%(asctime)s %(message)s", datefmt="%H:%M:%S", stream=sys.stderr)
+    if ranks.rank > 0:
+        raise typer.Exit(distribute.serve(ranks))
+    code = 2
+    try:
+        settings = running.Settings(
+            directory=out,
+            limit=limit,
+            part=_slice(part),
+            retry=frozenset(kind.value for kind in retry or ()),
+            any_version=force_version,
+        )
+        ended = running.run(config.load_study(study), settings, ranks)
+        code = ended.exit_code
+        say(report.ending(ended.pairs, ended.interrupted, ended.results, out))
+    except BAD_INPUT as error:
+        code = complain(error)
+    finally:
+        distribute.dismiss(ranks, code)
+    raise typer.Exit(code)
+
+
+@app.command()
+def merge(directory: Folder) -> None:
+    """Make DIR/results.nc of what the runs and slices have written."""
+    say(store.merge(directory))
+
+
+@app.command()
+def status(directory: Folder) -> None:
+    """What is done, what failed and why, and how long the rest will take."""
+    dataset = store.dataset_of(directory)
+    say(report.trust_summary(_pairs(dataset)))
+    say(report.outlook(int((dataset["status"] == "MISSING").sum()), *store.pace(directory)))
+
+
+def _pairs(dataset: xr.Dataset) -> list[tuple[str, str]]:
+    return list(zip(dataset["status"].values.ravel(), dataset["message"].values.ravel(), strict=True))
+
+
+# --------------------------------------------------------------------------------------------- results
+
+
+def _key(dataset: xr.Dataset, text: str) -> str:
+    """The key that a user means: whole, a prefix that is unique, or ``best``."""
+    keys = dataset["key"].values
+    if text == "best":
+        chosen = pareto.best(dataset, json.loads(dataset.attrs["objectives"]))
+        if chosen is None:
+            raise store.StoreError("there is no trusted point yet, and so no best one")
+        return str(keys[chosen] if keys.ndim == 1 else keys[chosen, 0])
+    every = [str(key) for key in keys.ravel()]
+    found = [key for key in every if key.startswith(text)]
+    if text in every or len(set(found)) == 1:
+        return text if text in every else found[0]
+    raise store.StoreError(report.no_such_key(text, every, found))
+
+
+@app.command()
+def show(
+    directory: Folder,
+    key: Annotated[str, typer.Argument(metavar="best|KEY", help="the key, or its beginning")],
+) -> None:
+    """One design: its variables, how it ended, its metrics."""
+    dataset = store.open_study(directory)
+    say(report.one_point(dataset, _key(dataset, key), criterion=key == "best"))
+
+
+@app.command()
+def rerun(
+    directory: Folder,
+    key: Annotated[str, typer.Argument(metavar="best|KEY", help="the key, or its beginning")],
+) -> None:
+    """Run one design again and compare with its row, bit for bit."""
+    dataset = store.open_study(directory)
+    whole = _key(dataset, key)
+    new, old = running.rerun(directory, whole)
+    if old is None:
+        say(f"{whole}: {new.status}; there is no row to compare with")
+        return
+    found = running.differences(new, old)
+    if found:
+        say(f"{whole}: {new.status}, and it differs from its row:\n  " + "\n  ".join(found))
+        raise typer.Exit(1)
+    say(f"{whole}: {new.status}, the same as its row bit for bit ({len(new.metrics)} metrics)")
+
+
+@app.command(name="pareto")
+def pareto_command(
+    directory: Folder,
+    significant: Annotated[
+        bool, typer.Option(help="one point of each group tied within its error bars")
+    ] = False,
+) -> None:
+    """The front over trusted points: a table, DIR/front.nc, and a figure."""
+    dataset = store.open_study(directory)
+    objectives = json.loads(dataset.attrs["objectives"])
+    chosen = pareto.front(dataset, objectives)
+    tied = ~pareto.significant(dataset, objectives, chosen)
+    if significant:
+        chosen, tied = chosen[~tied], tied[~tied]
+    say(report.front_table(dataset, objectives, chosen, tied, pareto.best(dataset, objectives), Console()))
+    if not chosen.size:
+        return
+    dim = "design" if "environment" in dataset.dims else "point"
+    front = dataset.isel({dim: chosen}).assign(tied=(dim, tied))
+    path = store.write_whole(directory / "front.nc", lambda place: front.to_netcdf(place, engine="netcdf4"))
+    say(f"\nfront   {path}\nfigure  {_plots().save_plot(directory, 'front')}")
+
+
+def _plots() -> Any:
+    """The figures; matplotlib is imported only where one is drawn."""
+    from . import plot
+
+    return plot
+
+
+@app.command()
+def plot(directory: Folder, kind: Annotated[str, typer.Argument(help="a kind of figure, or `all`")]) -> None:
+    """Draw a figure into DIR/figures."""
+    plots = _plots()
+    if kind != "all" and kind not in plots.PLOTS:
+        raise typer.BadParameter(f"{kind!r} is not one of: all, {', '.join(plots.PLOTS)}", param_hint="KIND")
+    store.study_of(directory)
+    for name in plots.PLOTS if kind == "all" else [kind]:
+        try:
+            say(plots.save_plot(directory, name))
+        except ValueError as error:
+            if kind != "all":
+                raise store.StoreError(f"{name}: {error}") from error
+            say(f"{name}: {error}")

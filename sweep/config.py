@@ -1,0 +1,712 @@
+"""A study from YAML: what is varied, in which scene, what is asked of each run, and what counts.
+
+``load_study`` either returns a :class:`Study` in which everything has been checked, down to the scene at both
+ends of every variable's range, or raises :class:`ConfigError` with all the mistakes it could find.
+"""
+
+from __future__ import annotations
+
+import math
+import re
+from collections.abc import Callable, Iterable, Mapping
+from contextlib import suppress
+from dataclasses import asdict, dataclass, field, fields
+from pathlib import Path
+from typing import Annotated, Any, Literal, NamedTuple
+
+import yaml
+from pydantic import BeforeValidator, Field, TypeAdapter, ValidationError, model_validator
+
+import solvers
+from solvers import Ask, Scene
+from solvers.scene import NonNegative, Number, Positive, record
+
+from .fields import SCENE, Expression, FieldError, assign, deep_merge, lookup, parse
+from .mend import Place, Reading, follows, match_keys, plain, read
+from .mistakes import ABSENT, ConfigError, Mistake, faults, nearest, unknown_key
+
+
+def _no_bool(value: Any) -> Any:
+    if isinstance(value, bool):
+        raise ValueError("a whole number is wanted here, not true or false")
+    return value
+
+
+Count = Annotated[int, BeforeValidator(_no_bool), Field(ge=1)]
+Whole = Annotated[int, BeforeValidator(_no_bool), Field(ge=0)]
+Fraction = Annotated[float, BeforeValidator(_no_bool), Field(ge=0, le=1, allow_inf_nan=False)]
+Open = Annotated[float, BeforeValidator(_no_bool), Field(gt=0, lt=1, allow_inf_nan=False)]
+Baseline = Literal["uniform", "locked", "rod_locked", "plain"]
+
+
+# --------------------------------------------------------------------------- what counts
+
+
+class Metric(NamedTuple):
+    """A number read from a response and its baseline. Declared beside its function in ``sweep.metrics``."""
+
+    name: str
+    unit: str
+    direction: str | None  # 'min', 'max', or None where neither is better
+    definition: str
+    equation: str  # of paper 003, corrected; '' where it has none
+    function: Callable[..., Any]
+    per_device: bool = False  # also reported for each device as <name>_1, <name>_2, ...
+
+
+METRICS: dict[str, Metric] = {}  # filled by sweep.metrics, which is imported with the package
+
+_SUFFIX = re.compile(r"_(mean|worst|spread)$")
+
+
+def find_metric(name: str, devices: int | None = None) -> Metric | None:
+    """The metric behind a result's name: ``delta``, ``stroke_2``, ``gamma_worst``, ``delta_spread``.
+
+    Parameters
+    ----------
+    devices : number of devices in the scene; without it any device number is accepted
+    """
+    stem = name if name in METRICS else _SUFFIX.sub("", name)
+    if stem in METRICS:
+        return METRICS[stem]
+    match = re.fullmatch(r"(\w+?)_([1-9]\d*)", stem)
+    if match is None or match[1] not in METRICS or not METRICS[match[1]].per_device:
+        return None
+    return METRICS[match[1]] if devices is None or int(match[2]) <= devices else None
+
+
+# --------------------------------------------------------------------------- sections of the YAML
+
+
+@record
+class Environment:
+    """A named patch on the scene: the sea, the fouling or the excitation that each design meets."""
+
+    name: str
+    set: dict[str, Any] = Field(default_factory=dict)  # field path: value
+
+
+@record
+class Variable:
+    """A design variable: one scene field or several, over a range or a list of values."""
+
+    field: str | tuple[str, ...] | None = None  # default: the variable's own key
+    log: tuple[Positive, Positive] | None = None  # [lo, hi], evenly spread in the logarithm
+    linear: tuple[Number, Number] | None = None  # [lo, hi]
+    values: tuple[Number, ...] | None = None
+
+    @model_validator(mode="after")
+    def _one_range(self) -> Variable:
+        given = [name for name in ("log", "linear", "values") if getattr(self, name) is not None]
+        if len(given) != 1:
+            raise ValueError("give exactly one of `log: [lo, hi]`, `linear: [lo, hi]`, `values: [...]`")
+        ends = self.log or self.linear
+        if ends and not ends[0] < ends[1]:
+            raise ValueError(f"`{given[0]}: [lo, hi]` needs lo < hi, not {ends[0]:g} and {ends[1]:g}")
+        if self.values is not None and not self.values:
+            raise ValueError("`values` needs at least one value")
+        return self
+
+    def paths(self, key: str) -> tuple[str, ...]:
+        """The field paths that the variable sets, ``key`` being its own name."""
+        if self.field is None:
+            return (key,)
+        return (self.field,) if isinstance(self.field, str) else tuple(self.field)
+
+    def at(self, u: float) -> float:
+        """The value at ``u`` in [0, 1], to ten digits: keys must not hang on a math library's last bit."""
+        if self.values is not None:
+            return float(self.values[min(int(u * len(self.values)), len(self.values) - 1)])
+        lo, hi = self.log or self.linear or (0.0, 0.0)
+        value = lo * math.exp(u * math.log(hi / lo)) if self.log else lo + u * (hi - lo)
+        return min(max(float(f"{value:.10g}"), lo), hi)
+
+    @property
+    def tests(self) -> tuple[tuple[str, float], ...]:
+        """Values to try on the scene, each with where it stands: the ends of the range, or all the values."""
+        kind = next(name for name in ("log", "linear", "values") if getattr(self, name) is not None)
+        return tuple((f"{kind}[{i}]", value) for i, value in enumerate(getattr(self, kind)))
+
+
+@record
+class Sampler:
+    """How designs are drawn. ``random`` and ``sobol`` designs do not change when ``n`` grows."""
+
+    kind: Literal["grid", "random", "lhs", "sobol"] = "sobol"
+    n: Count | None = None  # designs; for a grid, levels of each axis
+    seed: Whole = 0
+    levels: dict[str, Count] = Field(default_factory=dict)  # grid: levels of single axes
+
+    @model_validator(mode="after")
+    def _countable(self) -> Sampler:
+        if self.kind != "grid" and self.n is None:
+            raise ValueError(f"`n` is required with `kind: {self.kind}`")
+        if self.kind != "grid" and self.levels:
+            raise ValueError("`levels` belongs to `kind: grid`")
+        return self
+
+
+@record
+class AskSection:
+    """What is asked of each run: the fields of solvers.Ask with their ranges."""
+
+    duration: NonNegative  # [s]
+    model: str = "auto"
+    method: str = "auto"
+    segments: Annotated[int, BeforeValidator(_no_bool), Field(ge=2)] | None = None
+    accuracy: Open = 0.05
+    tolerance: Positive | None = None
+    step: Positive | None = None  # [s]
+    rho: Fraction = 0.8
+    interval: Positive = 1e-3  # [s]
+    max_steps: Count = 20_000_000
+    perturbation: NonNegative = 0.0
+    seed: Whole = 0
+
+
+@record
+class MetricsSection:
+    """What the metrics are taken over and against."""
+
+    window: tuple[Number, Number] | None = None  # [t0, t1] in s; default the whole run
+    pulse_end: NonNegative = 0.0  # RMS values count from here [s]
+    baseline: Baseline = "locked"
+    probe: NonNegative | None = None  # arc length of a probe [m]
+
+    @model_validator(mode="after")
+    def _ordered(self) -> MetricsSection:
+        if self.window is not None and not 0 <= self.window[0] < self.window[1]:
+            raise ValueError("`window: [t0, t1]` needs 0 <= t0 < t1")
+        return self
+
+
+@record
+class MetricSettings(MetricsSection):
+    """All that a point's metrics depend on besides its scene and its run."""
+
+    repeats: Whole = 0  # perturbed repetitions behind each `_spread`
+    perturbation: NonNegative = 1e-9  # of their initial velocities [m/s]
+    objectives: tuple[str, ...] = ()  # metrics that get a `_spread`
+
+
+@record
+class Repeats:
+    """Error bars of chaotic responses: each point is run ``n`` more times, slightly perturbed."""
+
+    n: Whole = 0
+    perturbation: Positive = 1e-9
+
+
+@record
+class StudyFile:
+    """The layout of a study's YAML."""
+
+    name: str = ""
+    description: str = ""
+    scene: Scene
+    environments: tuple[Environment, ...] = ()
+    variables: dict[str, Variable] = Field(default_factory=dict)
+    tied: dict[str, Number | str] = Field(default_factory=dict)  # field path: expression of the variables
+    sampler: Sampler | None = None
+    ask: AskSection
+    metrics: MetricsSection = Field(default_factory=MetricsSection)
+    objectives: tuple[str, ...] = ("delta", "gamma", "t_settle")
+    repeats: Repeats = Field(default_factory=Repeats)
+    time_limit: Positive | None = 600.0  # of one point [s], past it the row says TIMEOUT; null sets none
+
+
+@dataclass(frozen=True, kw_only=True)
+class Study:
+    """A checked study; see ``space`` for its designs and ``plan`` for its points."""
+
+    name: str
+    description: str = ""
+    scene: Scene
+    environments: tuple[Environment, ...] = (Environment(name="default"),)  # never empty
+    variables: Mapping[str, Variable] = field(default_factory=dict)
+    tied: Mapping[str, Expression] = field(default_factory=dict)
+    sampler: Sampler = field(default_factory=lambda: Sampler(n=1))
+    ask: Ask
+    settings: MetricSettings = field(default_factory=MetricSettings)
+    objectives: tuple[str, ...] = ()
+    repeats: Repeats = field(default_factory=Repeats)
+    time_limit: float | None = None  # [s]
+    text: str = ""  # the study as one YAML without includes; loads as itself
+
+    def assignments(self, values: Mapping[str, float]) -> dict[str, Any]:
+        """What a design sets in the scene, field path by field path, tied fields last."""
+        found: dict[str, Any] = {}
+        for key, variable in self.variables.items():
+            found.update(dict.fromkeys(variable.paths(key), values[key]))
+        return found | {path: expression.value(values) for path, expression in self.tied.items()}
+
+
+# --------------------------------------------------------------------------- reading YAML
+
+
+class _Loader(yaml.SafeLoader):
+    """The safe loader; keys given twice are remembered instead of silently lost."""
+
+    def __init__(self, stream: str) -> None:
+        super().__init__(stream)
+        self.twice: list[tuple[Any, int]] = []
+
+    def construct_mapping(self, node: yaml.MappingNode, deep: bool = False) -> dict[Any, Any]:
+        seen = set()
+        for key_node, _ in node.value:
+            if key_node.tag == "tag:yaml.org,2002:merge":
+                continue
+            key = self.construct_object(key_node, deep=True)
+            if not isinstance(key, str | int | float | bool | None):
+                raise yaml.constructor.ConstructorError(
+                    None, None, "a key must be a word", key_node.start_mark
+                )
+            if key in seen:
+                self.twice.append((key, key_node.start_mark.line + 1))
+            seen.add(key)
+        return super().construct_mapping(node, deep)
+
+
+def read_yaml(path: Path) -> tuple[Any, list[Mistake]]:
+    """The content of a YAML file and what is wrong with its form; content ABSENT where it cannot be read."""
+    try:
+        text = path.read_text(encoding="utf-8")
+    except FileNotFoundError:
+        here = path.parent if path.parent.is_dir() else Path()
+        others = sorted(p.name for p in here.glob("*.y*ml"))
+        return ABSENT, [Mistake(str(path), ABSENT, "there is no such file", nearest(path.name, others[:20]))]
+    except (OSError, UnicodeDecodeError) as error:
+        reason = "it is not UTF-8 text" if isinstance(error, UnicodeDecodeError) else str(error.strerror)
+        return ABSENT, [Mistake(str(path), ABSENT, f"cannot be read: {reason}")]
+    return parse_yaml(text, path.name)
+
+
+def parse_yaml(text: str, source: str) -> tuple[Any, list[Mistake]]:
+    """As :func:`read_yaml`, from text."""
+    try:
+        loader = _Loader(text)
+        content = loader.get_single_data()
+    except yaml.YAMLError as error:
+        mark = getattr(error, "problem_mark", None)
+        where = f"{source}, line {mark.line + 1}, column {mark.column + 1}" if mark else source
+        problem = getattr(error, "problem", None) or str(error)
+        return ABSENT, [
+            Mistake(where, ABSENT, f"is not YAML: {problem}", "check indentation, colons, brackets and tabs")
+        ]
+    except RecursionError:
+        return ABSENT, [Mistake(source, ABSENT, "is nested too deeply")]
+    twice = [
+        Mistake(f"{source}, line {line}", ABSENT, f"key `{key}` is given twice", "keep one")
+        for key, line in loader.twice
+    ]
+    return content, twice
+
+
+def load_study(path: str | Path) -> Study:
+    """Read, check and return a study; ConfigError lists every mistake in it."""
+    path = Path(path)
+    raw, mistakes = read_yaml(path)
+    if raw is ABSENT:
+        raise ConfigError(mistakes, str(path))
+    return parse_study(raw, folder=path.parent, source=str(path), mistakes=mistakes)
+
+
+def load_scene(path: str | Path) -> Scene:
+    """Read and check a scene file, or the scene of a study file."""
+    path = Path(path)
+    raw, mistakes = read_yaml(path)
+    inner = raw.get("scene", raw) if isinstance(raw, dict) else raw
+    if raw is not ABSENT:
+        expanded = _expand(inner, path.parent, mistakes)
+        if expanded is not ABSENT:
+            scene = read(_adapter("scene"), expanded, "scene")
+            mistakes += scene.mistakes
+            if not mistakes:
+                return scene.value
+    raise ConfigError(mistakes, str(path))
+
+
+def study_schema() -> dict[str, Any]:
+    """JSON schema of a study's YAML, for editors."""
+    schema = TypeAdapter(StudyFile).json_schema()
+    include = {"type": "object", "required": ["include"], "properties": {"include": {"type": "string"}}}
+    schema["properties"]["scene"] = {"anyOf": [schema["properties"]["scene"], {"type": "string"}, include]}
+    return schema
+
+
+# --------------------------------------------------------------------------- checking
+
+_ADAPTERS: dict[str, TypeAdapter[Any]] = {"scene": SCENE}
+_KEYS = tuple(f.name for f in fields(StudyFile))
+
+
+def _adapter(name: str) -> TypeAdapter[Any]:
+    if name not in _ADAPTERS:
+        _ADAPTERS[name] = TypeAdapter(StudyFile.__pydantic_fields__[name].annotation)  # type: ignore[attr-defined]
+    return _ADAPTERS[name]
+
+
+def _expand(raw: Any, folder: Path, mistakes: list[Mistake], depth: int = 0) -> Any:
+    """A scene given as a path, or as ``include`` with changes, as one mapping."""
+    if isinstance(raw, str):
+        raw = {"include": raw}
+    if not isinstance(raw, dict) or "include" not in raw:
+        return raw
+    path = raw["include"]
+    if not isinstance(path, str) or depth > 8:
+        problem = (
+            "includes itself, or nests too deeply" if isinstance(path, str) else "should be a file's path"
+        )
+        mistakes.append(Mistake("scene.include", path, problem))
+        return ABSENT
+    base, found = read_yaml(folder / path)
+    mistakes.extend(m._replace(path=f"scene.include ({m.path})") for m in found)
+    if base is not ABSENT and not isinstance(base, dict):
+        mistakes.append(Mistake("scene.include", path, "the file does not hold a mapping of scene fields"))
+        base = ABSENT
+    base = _expand(base, (folder / path).parent, mistakes, depth + 1)
+    changes = {key: value for key, value in raw.items() if key != "include"}
+    return ABSENT if base is ABSENT else deep_merge(base, changes)
+
+
+def parse_study(
+    raw: Any, folder: str | Path = ".", source: str = "the study", mistakes: Iterable[Mistake] = ()
+) -> Study:
+    """A study from the mapping that a YAML holds; ``folder`` is where relative paths start."""
+    found = list(mistakes)
+    try:
+        raw = plain(raw)
+    except RecursionError:
+        raise ConfigError([*found, Mistake(source, ABSENT, "is nested too deeply")], source) from None
+    if not isinstance(raw, dict):
+        kind = "is empty" if raw is None else "is not a mapping of keys to values"
+        raise ConfigError(
+            [*found, Mistake(source, ABSENT, kind, f"a study has the keys {', '.join(_KEYS)}")], source
+        )
+    given: dict[str, Any] = {}
+    unclear: set[str] = set()  # sections that may be given under another name
+    for key, meant, sure in match_keys(raw, _KEYS):
+        if key != meant:
+            found.append(unknown_key(str(key), raw[key], key, _KEYS))
+        if meant is not None and sure:
+            given[meant] = raw[key]
+        elif meant is not None:
+            unclear.add(meant)
+    given = {key: value for key, value in given.items() if value is not None}
+    for key in ("scene", "ask"):
+        if key not in given and key not in unclear:
+            found.append(Mistake(key, ABSENT, "is required"))
+    if "scene" in given:
+        given["scene"] = _expand(given["scene"], Path(folder), found)
+    draft = Draft(found)
+    for key in _KEYS:
+        if key in unclear or given.get(key) is ABSENT:
+            draft.readings[key] = Reading(holes={()})
+        elif key in given:
+            draft.readings[key] = read(_adapter(key), given[key], key)
+            found += draft.readings[key].mistakes
+    _check(draft)
+    if found:
+        order = {key: i for i, key in enumerate(_KEYS)}
+        found.sort(key=lambda mistake: order.get(re.split(r"\W", mistake.path)[0], -1))
+        raise ConfigError(found, source)
+    parts = {key: reading.value for key, reading in draft.readings.items()}
+
+    objectives = tuple(parts.get("objectives", ("delta", "gamma", "t_settle")))
+    repeats = parts.get("repeats", Repeats())
+    metrics = parts.get("metrics", MetricsSection())
+    settings = MetricSettings(
+        **asdict(metrics),
+        repeats=repeats.n,
+        perturbation=repeats.perturbation,
+        objectives=objectives if repeats.n else (),
+    )
+    name = parts.get("name") or Path(source).stem
+    return Study(
+        name=name,
+        description=parts.get("description", ""),
+        scene=parts["scene"],
+        environments=parts.get("environments") or (Environment(name="default"),),
+        variables=parts.get("variables", {}),
+        tied={path: Expression(str(text)) for path, text in parts.get("tied", {}).items()},
+        sampler=parts.get("sampler") or Sampler(n=1),
+        ask=Ask(**asdict(parts["ask"])),
+        settings=settings,
+        objectives=objectives,
+        repeats=repeats,
+        time_limit=parts.get("time_limit", 600.0),
+        text=yaml.safe_dump(given | {"name": name}, sort_keys=False, allow_unicode=True),
+    )
+
+
+class Draft:
+    """A study under examination: what each section says as far as it is understood, and the mistakes so far."""
+
+    def __init__(self, found: list[Mistake]) -> None:
+        self.found = found
+        self.readings: dict[str, Reading] = {}
+
+    def add(self, path: str, value: Any, problem: str, remedy: str = "") -> None:
+        self.found.append(Mistake(path, value, problem, remedy))
+
+    def get(self, section: str, default: Any = None) -> Any:
+        """A section's content, mended; the default where it is not given or not understood."""
+        value = self.readings[section].value if section in self.readings else ABSENT
+        return default if value is ABSENT else value
+
+    def sure(self, section: str, *place: str | int) -> bool:
+        """Whether a value is the one that the study gives: none there is a hole left by a mistake."""
+        return section not in self.readings or self.readings[section].sure(*place)
+
+    @property
+    def scene(self) -> Reading:
+        return self.readings.get("scene") or Reading(holes={()})
+
+    @property
+    def names(self) -> list[str] | None:
+        """The variables' names, those of bad variables too; None where they are not known."""
+        reading = self.readings.get("variables", Reading(raw={}))
+        return [str(name) for name in reading.raw] if isinstance(reading.raw, dict) else None
+
+
+@dataclass
+class Sound:
+    """What of a study's variables, expressions and patches can be tried on the scene."""
+
+    variables: dict[str, Variable] = field(default_factory=dict)
+    tied: dict[str, Expression] = field(default_factory=dict)
+    patches: dict[int, dict[str, Any]] = field(default_factory=dict)  # by environment
+    left_out: set[Place] = field(default_factory=set)  # fields of the scene that the others would set
+
+
+def _check(draft: Draft) -> None:
+    """What no single section can know: paths, names, ranges against one another and against the scene."""
+    sound = _check_paths(draft)
+    _check_sampler(draft)
+    _check_ask(draft)
+    _check_metrics(draft)
+    _check_objectives(draft)
+    if isinstance(draft.scene.tree, dict):
+        _check_extremes(draft, sound)
+
+
+def _check_paths(draft: Draft) -> Sound:
+    """That every path leads to a field, that no two set the same, and that expressions know their names."""
+    sound = Sound()
+    owners: dict[str, str] = {}
+
+    def claim(path: str, where: str, value: Any) -> bool:
+        try:
+            lookup(draft.scene.outline, path)
+        except FieldError as error:
+            draft.add(where, value, error.problem, error.remedy)
+            return False
+        if path in owners:
+            draft.add(where, value, f"`{path}` is already set by {owners[path]}")
+            return False
+        owners[path] = where
+        return True
+
+    for key, variable in draft.get("variables", {}).items():
+        good = draft.sure("variables", key)
+        written = draft.readings["variables"].raw[key]
+        given = written.get("field", key) if isinstance(written, dict) else ABSENT
+        paths = [path for path in (given if isinstance(given, list) else [given]) if isinstance(path, str)]
+        where = f"variables.{key}" + (".field" if isinstance(written, dict) and "field" in written else "")
+        fits = [claim(path, where, ABSENT if path == key else path) for path in paths]
+        if given == []:
+            draft.add(where, ABSENT, "needs at least one field")
+        elif good and all(fits):
+            sound.variables[key] = variable
+        else:
+            sound.left_out |= {parse(path) for path, fit in zip(paths, fits, strict=True) if fit}
+    names = draft.names
+    for path, text in draft.get("tied", {}).items():
+        where = f"tied.{path}"
+        fits = [claim(path, where, ABSENT)]
+        if draft.sure("tied", path):
+            try:
+                expression = Expression(str(text))
+            except FieldError as error:
+                draft.add(where, text, error.problem, error.remedy)
+            else:
+                for name in sorted(expression.names - set(names)) if names is not None else ():
+                    draft.add(where, text, f"unknown name `{name}`", nearest(name, names or ()))
+                if all(fits) and expression.names <= sound.variables.keys():
+                    sound.tied[path] = expression
+        if all(fits) and path not in sound.tied:
+            sound.left_out.add(parse(path))
+    design_paths = set(owners)
+    seen: set[str] = set()
+    for i, environment in enumerate(draft.get("environments", ())):
+        if draft.sure("environments", i, "name"):
+            if environment.name in seen:
+                draft.add(
+                    f"environments[{i}].name", environment.name, "is used twice", "give each its own name"
+                )
+            seen.add(environment.name)
+        sound.patches[i] = {}
+        for path, value in environment.set.items():
+            where = f"environments[{i}].set.{path}"
+            if path in design_paths:
+                draft.add(where, value, f"is already set by {owners[path]}")
+                continue
+            try:
+                lookup(draft.scene.outline, path)
+            except FieldError as error:
+                draft.add(where, value, error.problem, error.remedy)
+            else:
+                sound.patches[i][path] = value
+    return sound
+
+
+def _check_sampler(draft: Draft) -> None:
+    sampler, names = draft.get("sampler"), draft.names
+    if sampler is None:
+        if names and "sampler" not in draft.readings:
+            draft.add(
+                "sampler", ABSENT, "is required with `variables`", "e.g. {kind: sobol, n: 100, seed: 0}"
+            )
+        return
+    for key in sampler.levels:
+        if names is not None and key not in names:
+            draft.add(f"sampler.levels.{key}", sampler.levels[key], "no such variable", nearest(key, names))
+    if sampler.kind == "grid" and sampler.n is None and draft.sure("sampler"):
+        for key, variable in draft.get("variables", {}).items():
+            if variable.values is None and key not in sampler.levels:
+                draft.add("sampler", ABSENT, f"a grid needs `n`, or `levels` for `{key}`", "e.g. n: 5")
+
+
+def _check_ask(draft: Draft) -> None:
+    ask = draft.get("ask")
+    if ask is None:
+        return
+    models = ["auto", *solvers.MODELS]
+    methods = list(
+        dict.fromkeys(["auto", *solvers.METHODS, "explicit", "rk2", "rk4", "genalpha", "implicit"])
+    )
+    if draft.sure("ask", "model") and ask.model not in models:
+        draft.add("ask.model", ask.model, "no such model", nearest(ask.model, models))
+    if draft.sure("ask", "method") and ask.method not in methods:
+        draft.add("ask.method", ask.method, "no such method", nearest(ask.method, methods))
+    if not (draft.sure("ask", "duration") and draft.sure("ask", "interval")):
+        return
+    if 0 < ask.duration < ask.interval:
+        draft.add("ask.interval", ask.interval, f"should be at most the duration, {ask.duration:g} s")
+    elif ask.duration / ask.interval > 1e7:
+        draft.add(
+            "ask.interval",
+            ask.interval,
+            "asks for more than ten million output times",
+            "give a longer interval or a shorter duration",
+        )
+
+
+def _check_metrics(draft: Draft) -> None:
+    """The metrics' times against the run, and their places against the cable."""
+    ask, metrics, scene = draft.get("ask"), draft.get("metrics"), draft.scene
+    if metrics is None:
+        return
+    timed = ask is not None and draft.sure("ask", "duration")
+    windowed = draft.sure("metrics", "window")
+    window = metrics.window if windowed else None
+    if timed and window and window[1] > ask.duration * (1 + 1e-12):
+        draft.add("metrics.window[1]", window[1], f"should be at most the duration, {ask.duration:g} s")
+    if draft.sure("metrics", "pulse_end") and metrics.pulse_end > 0 and windowed and (window or timed):
+        end = window[1] if window else ask.duration
+        if metrics.pulse_end >= end:
+            draft.add(
+                "metrics.pulse_end", metrics.pulse_end, f"should be less than the window's end, {end:g} s"
+            )
+    if metrics.probe is None or not draft.sure("metrics", "probe") or not isinstance(scene.tree, dict):
+        return
+    length = sum(float(section["length"]) for section in scene.tree["cable"])
+    if metrics.probe > length and not follows("cable", (), scene.holes):
+        draft.add("metrics.probe", metrics.probe, f"should be on the cable, 0 to {length:g} m")
+
+
+def _check_objectives(draft: Draft) -> None:
+    objectives = draft.get("objectives")
+    if objectives is None or (not objectives and not draft.sure("objectives")):
+        return
+    devices = lookup(draft.scene.outline, "devices")
+    count = len(devices) if isinstance(devices, list) else None
+    aggregated = len(draft.get("environments", ())) > 1 or not draft.sure("environments")
+    good = [name for name, metric in METRICS.items() if metric.direction]
+    for i, name in enumerate(objectives):
+        if not draft.sure("objectives", i):
+            continue
+        where = f"objectives[{i}]"
+        metric = find_metric(name, count)
+        if metric is None or name.endswith("_spread"):
+            draft.add(where, name, "unknown metric", nearest(name, good))
+        elif metric.direction is None:
+            problem = "neither more nor less of it is better, so it cannot be an objective"
+            draft.add(where, name, problem, f"allowed: {', '.join(good)}")
+        elif name not in METRICS and name.endswith(("_mean", "_worst")) and not aggregated:
+            draft.add(where, name, "aggregates need at least two `environments`")
+        if name in objectives[:i]:
+            draft.add(where, name, "is given twice")
+    if not objectives:
+        draft.add("objectives", ABSENT, "needs at least one metric", f"allowed: {', '.join(good)}")
+
+
+def _check_extremes(draft: Draft, sound: Sound) -> None:
+    """Build the scene at both ends of every variable, the others mid-range, and in every environment."""
+    scene, schema = draft.scene, SCENE.json_schema()
+    holes = scene.holes | sound.left_out
+    Problems = dict[tuple[str, str], Mistake]  # by field path and sentence
+
+    def problems(wanted: Mapping[str, Any]) -> Problems:
+        """Each thing wrong with the scene once these fields are set."""
+        tree = plain(scene.tree)
+        for path, value in wanted.items():
+            with suppress(FieldError):  # a path into what a mistake has made unknown
+                lookup(tree, path)
+                assign(tree, path, value)
+        try:
+            SCENE.validate_python(tree)
+        except ValidationError as error:
+            return {
+                (fault.mistake.path, fault.mistake.problem): fault.mistake
+                for fault in faults(error, tree, "", schema)
+                if not (fault.sentence and follows(fault.sentence, fault.at, holes))
+            }
+        return {}
+
+    def design(values: Mapping[str, float], patch: Mapping[str, Any]) -> Problems:
+        wanted, wrong = dict(patch), {}
+        for key, variable in sound.variables.items():
+            wanted.update(dict.fromkeys(variable.paths(key), values[key]))
+        for path, expression in sound.tied.items():
+            try:
+                wanted[path] = expression.value(values)
+            except FieldError as error:
+                wrong[f"tied.{path}", error.problem] = Mistake(f"tied.{path}", ABSENT, error.problem)
+        return {key: value for key, value in (wrong | problems(wanted)).items() if key not in own}
+
+    def say(where: str, value: Any, mistake: Mistake) -> None:
+        draft.add(where, value, f"{mistake.path or 'the scene'}: {mistake.problem}", mistake.remedy)
+
+    own = problems({})  # those of the scene itself, which are reported
+    middle = {key: variable.at(0.5) for key, variable in sound.variables.items()}
+    usual = design(middle, {})
+    blamed: set[tuple[str, str]] = set()
+    for key, variable in sound.variables.items():
+        for where, value in variable.tests:
+            wrong = design(middle | {key: value}, {})
+            mine = [problem for problem in wrong if wrong[problem].path in variable.paths(key)]
+            for problem in mine or [problem for problem in wrong if problem not in usual]:
+                say(f"variables.{key}.{where}", value, wrong[problem])
+            blamed.update(wrong if mine else ())
+    for problem in [problem for problem in usual if problem not in blamed]:
+        say("variables", ABSENT, usual[problem]._replace(path=f"mid-range, {usual[problem].path}"))
+    for i, patch in sound.patches.items():
+        for problem, mistake in design(middle, patch).items():
+            if problem in usual:
+                continue
+            if mistake.path in patch:
+                at = f"environments[{i}].set.{mistake.path}"
+                draft.add(at, patch[mistake.path], mistake.problem, mistake.remedy)
+            else:
+                say(f"environments[{i}].set", ABSENT, mistake)

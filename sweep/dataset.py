@@ -1,0 +1,149 @@
+"""Rows to one dataset: what ``results.nc`` holds and what notebooks, fronts and figures read."""
+
+from __future__ import annotations
+
+import json
+import re
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import fields
+from typing import Any
+
+import numpy as np
+import xarray as xr
+
+from .config import Metric, Study, find_metric
+from .metrics import metric_names
+from .pareto import CRITERION
+from .plan import Plan
+from .point import Record
+
+ABOUT = {  # unit and meaning of a row's own fields
+    "key": ("", "hash of the point's physics inputs"),
+    "status": ("", "how the run ended; only OK is trusted"),
+    "message": ("", "why, where it did not end well"),
+    "energy_residual": ("1", "gap of the energy balance over the peak energy"),
+    "nodes_per_wave": ("1", "nodes in the shortest transverse wave of the excitation"),
+    "steps_per_period": ("1", "steps in the shortest period that matters"),
+    "steps": ("1", "time steps"),
+    "evaluations": ("1", "residuals or accelerations computed"),
+    "seconds": ("s", "cost of the point"),
+    "first_seconds": ("s", "cost of a first, untrusted attempt"),
+    "model": ("", "line"),
+    "method": ("", "what marched it"),
+    "segments": ("1", "segments of the cable"),
+    "tolerance": ("1", "local error allowed to an adaptive method"),
+}
+UNITS = {  # of scene fields, for design variables
+    **dict.fromkeys(("EA", "rod_EA"), "N"),
+    **dict.fromkeys(("BA",), "N s"),
+    **dict.fromkeys(("EI",), "N m2"),
+    **dict.fromkeys(("BI",), "N m2 s"),
+    **dict.fromkeys(("s", "length", "rod", "d", "drag_diameter", "amplitude", "depth", "z"), "m"),
+    **dict.fromkeys(("mass", "added_mass"), "kg"),
+    **dict.fromkeys(("Can", "Cat", "Cdn", "Cdt", "friction", "side"), "1"),
+    **{"k": "N/m", "c": "N s/m", "volume": "m3", "drag": "m2", "phi0": "deg", "wet_weight": "N/m"},
+    **{"frequency": "Hz", "phase": "rad", "density": "kg/m3", "stiffness": "Pa/m"},
+}
+
+
+def assemble(
+    study: Study, plan: Plan, rows: Mapping[str, Record], headers: Sequence[Mapping[str, Any]] = ()
+) -> xr.Dataset:
+    """One dataset of all planned points, by design and environment; without a row they are MISSING.
+
+    With one environment the dimension is ``point``; with several they are ``design`` and ``environment``, and
+    each metric has its mean and its worst over the environments.
+    """
+    several = len(plan.environments) > 1
+    dims = ("design", "environment") if several else ("point",)
+    shape = (len(plan.designs), len(plan.environments))[: len(dims)]
+    records = [rows.get(key) or _missing(key) for key in plan.keys]
+    index = dims[0]
+    coordinates: dict[str, Any] = {
+        "design": (index, np.arange(len(plan.designs)), _about("1", "number of the design"))
+    }
+    if several:
+        coordinates["environment"] = ("environment", plan.environments)
+    for name in study.variables:
+        values = np.array([design[name] for design in plan.designs], dtype=float)
+        coordinates[name] = (index, values, _variable_about(study, name))
+    dataset = xr.Dataset(coords=coordinates, attrs=_attributes(study, headers))
+    for field in fields(Record):
+        if field.name in ABOUT:
+            kind = {"str": object, "int": np.int64, "float": np.float64}[str(field.type)]
+            column = np.array([getattr(record, field.name) for record in records], dtype=kind)
+            dataset[field.name] = (dims, column.reshape(shape), _about(*ABOUT[field.name]))
+    for name in _columns(study, records):
+        column = np.array([record.metrics.get(name, np.nan) for record in records], dtype=float)
+        dataset[name] = (dims, column.reshape(shape), _metric_about(name))
+        if several:
+            _aggregate(dataset, name)
+    return dataset
+
+
+def _missing(key: str) -> Record:
+    return Record(key=key, design=0, environment=0, values={}, status="MISSING", message="not run yet")
+
+
+def _columns(study: Study, records: Iterable[Record]) -> list[str]:
+    """Every metric of the scene in declared order, then what else the rows bring (spreads)."""
+    declared = metric_names(len(study.scene.devices))
+    found = {name for record in records for name in record.metrics}
+    return [*declared, *sorted(found - set(declared))]
+
+
+def _aggregate(dataset: xr.Dataset, name: str) -> None:
+    """Mean and worst over the environments; a missing or failed environment leaves no aggregate."""
+    values, about = dataset[name].values, dataset[name].attrs
+    dataset[f"{name}_mean"] = (
+        "design",
+        values.mean(axis=1),
+        about | {"long_name": f"mean of {about['long_name']}"},
+    )
+    if about.get("direction") in ("min", "max"):
+        worst = values.max(axis=1) if about["direction"] == "min" else values.min(axis=1)
+        dataset[f"{name}_worst"] = ("design", worst, about | {"long_name": f"worst of {about['long_name']}"})
+
+
+def _about(unit: str, meaning: str) -> dict[str, str]:
+    return ({"units": unit} if unit else {}) | {"long_name": meaning}
+
+
+def _metric_about(name: str) -> dict[str, str]:
+    metric: Metric | None = find_metric(name)
+    if metric is None:
+        return _about("", name)
+    about = _about(metric.unit, metric.definition) | {"direction": metric.direction or "none"}
+    device = re.fullmatch(rf"{metric.name}_(\d+)", name)
+    if device:
+        about |= {"long_name": f"{metric.definition.split(';')[0]}; device {device[1]}"}
+    if name.endswith("_spread"):
+        about |= {
+            "long_name": f"spread of {name.removesuffix('_spread')} over perturbed runs",
+            "direction": "none",
+        }
+    return about | ({"equation": metric.equation} if metric.equation else {})
+
+
+def _variable_about(study: Study, name: str) -> dict[str, str]:
+    paths = study.variables[name].paths(name)
+    units = {UNITS.get(re.sub(r"\[\d+\]$", "", path).rpartition(".")[2], "") for path in paths}
+    return _about(units.pop() if len(units) == 1 else "", ", ".join(paths))
+
+
+def _attributes(study: Study, headers: Sequence[Mapping[str, Any]]) -> dict[str, Any]:
+    """What a stranger needs to know about the file; nothing that differs from run to run."""
+    distinct: dict[str, Mapping[str, Any]] = {
+        json.dumps(header, sort_keys=True): header for header in headers
+    }
+    kept = [distinct[text] for text in sorted(distinct)]
+    return {
+        "title": study.name,
+        "description": study.description,
+        "study": study.text,
+        "objectives": json.dumps(list(study.objectives)),
+        "criterion": CRITERION,
+        "solver": ", ".join(sorted({str(header.get("solver", "")) for header in kept})),
+        "versions": json.dumps([header.get("versions", {}) for header in kept]),
+        "git": json.dumps([header.get("git", {}) for header in kept]),
+    }

@@ -1,0 +1,291 @@
+"""The common evaluator: a Point goes in, a Record comes out, whatever happens in between.
+
+Workers, the optimiser, ``show`` and notebooks all call it. The design is run, then its baseline with the same
+model, method and mesh (once per process for each distinct baseline), then the metrics are read.
+"""
+
+from __future__ import annotations
+
+import warnings
+from collections import OrderedDict
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from typing import Any, NamedTuple
+
+import numpy as np
+import xarray as xr
+
+from solvers import METHODS, QUANTITIES, Ask, CannotRepresent, Response, Scene, Status, solve
+from solvers.model import REMEDY
+
+from .config import MetricSettings
+from .metrics import FINISHED, Summary, compute, metric_names, settling_index, summarise, transverse
+from .point import Point, Record
+from .space import baseline_scene, point_key
+
+NAN = float("nan")
+RETRIED = frozenset({Status.ENERGY_OPEN, Status.NO_CONVERGENCE, Status.COARSE_STEP, Status.DIVERGED})
+_MAX_BASELINES = 128
+
+
+class Run(NamedTuple):
+    """The response that counts, the tolerance it used, and what a first, untrusted attempt cost."""
+
+    response: Response
+    tolerance: float
+    first_seconds: float
+
+
+@dataclass(frozen=True)
+class Baseline:
+    """A baseline's curves, or why there are none."""
+
+    summary: Summary | None
+    status: Status
+    message: str
+
+
+_baselines: OrderedDict[str, Baseline] = OrderedDict()
+
+
+def evaluate(point: Point) -> Record:
+    """Run a point and its baseline and read the metrics; never raises."""
+    return _guarded(point)[0]
+
+
+def evaluate_with_series(point: Point, baselines: Sequence[str] | None = None) -> tuple[Record, xr.Dataset]:
+    """As :func:`evaluate`, with the signals of the design and of named baselines.
+
+    Parameters
+    ----------
+    baselines : names of baselines to add; by default the one of the point's settings
+
+    Returns
+    -------
+    record, series
+        The dataset holds every quantity of the design under its own name, ``transverse`` (displacement
+        normal to the static tangent) and ``G`` against the point's baseline; those of a baseline as
+        ``<baseline>_<quantity>`` with its own ``<baseline>_node`` dimension. Empty where the run failed.
+    """
+    record, response = _guarded(point)
+    try:
+        return record, _series(
+            point, response, [point.settings.baseline] if baselines is None else list(baselines)
+        )
+    except Exception as error:  # a figure must not cost the record
+        return replace(record, message=_join(record.message, f"no series: {_say(error)}")), xr.Dataset()
+
+
+def _guarded(point: Point) -> tuple[Record, Response | None]:
+    try:
+        return _evaluate(point)
+    except CannotRepresent as error:
+        return _failed(point, Status.CANNOT_REPRESENT.name, str(error)), None
+    except Exception as error:  # the row says what happened; the study goes on
+        return _failed(point, "ERROR", _say(error)), None
+
+
+def _failed(point: Point, status: str, message: str) -> Record:
+    names = metric_names(len(point.scene.devices))
+    return Record(
+        key=point.key,
+        design=point.design,
+        environment=point.environment,
+        values=dict(point.values),
+        status=status,
+        message=" ".join(message.split()),
+        metrics=dict.fromkeys(names, NAN),
+    )
+
+
+def _say(error: BaseException) -> str:
+    return " ".join(f"{type(error).__name__}: {error}".split())[:500]
+
+
+def _join(*sentences: str) -> str:
+    return "; ".join(sentence for sentence in sentences if sentence)
+
+
+# --------------------------------------------------------------------------- running
+
+
+def _solve(scene: Scene, ask: Ask) -> Response:
+    with warnings.catch_warnings(), np.errstate(all="ignore"):
+        warnings.simplefilter("ignore")
+        return solve(scene, ask)
+
+
+def run_trusted(scene: Scene, ask: Ask) -> Run:
+    """Run a scene; an adaptive run that is not trusted is tried once more at a tenth of the tolerance.
+
+    Fixed-step runs are never retried, nor are those that a tighter tolerance cannot mend.
+    """
+    first = _solve(scene, ask)
+    used = _tolerance(first, ask)
+    if first.status not in RETRIED or not used > 0:
+        return Run(first, used, 0.0)
+    second = _solve(scene, replace(ask, tolerance=used / 10))
+    if second.status in FINISHED or first.status not in FINISHED:
+        return Run(second, used / 10, first.cost.seconds)
+    return Run(first, used, second.cost.seconds)
+
+
+def _tolerance(response: Response, ask: Ask) -> float:
+    """The tolerance that a run used; NaN for a fixed step."""
+    method = METHODS.get(response.method)
+    if method is None or not method.adaptive:
+        return NAN
+    return ask.tolerance or method.tolerance
+
+
+def baseline_ask(ask: Ask, response: Response) -> Ask:
+    """What is asked of the baseline: the model, method and mesh that the design used, unperturbed."""
+    return replace(
+        ask,
+        model=response.model or ask.model,
+        method=response.method or ask.method if ask.method == "auto" else ask.method,
+        segments=ask.segments or response.segments or None,
+        perturbation=0.0,
+        seed=0,
+    )
+
+
+def baseline_of(point: Point, response: Response) -> Baseline:
+    """The point's baseline, computed once in this process; the design's own run where it is its baseline."""
+    scene = baseline_scene(point.scene, point.settings.baseline)
+    ask = baseline_ask(point.ask, response)
+    window = replace(point.settings, repeats=0, objectives=())
+    sections = point.scene.cable
+    key = point_key(scene, ask, window) + point_key(replace(point.scene, devices=()), ask)
+    if key in _baselines:
+        _baselines.move_to_end(key)
+        return _baselines[key]
+    itself = scene == point.scene and point.ask.perturbation == 0
+    try:
+        run = response if itself else run_trusted(scene, ask).response
+        found = Baseline(summarise(run, scene, point.settings, sections), run.status, run.message)
+    except CannotRepresent as error:
+        found = Baseline(None, Status.CANNOT_REPRESENT, str(error))
+    _baselines[key] = found
+    if len(_baselines) > _MAX_BASELINES:
+        _baselines.popitem(last=False)
+    return found
+
+
+def clear_baselines() -> None:
+    """Forget the baselines computed in this process."""
+    _baselines.clear()
+
+
+# --------------------------------------------------------------------------- the record
+
+
+def _evaluate(point: Point) -> tuple[Record, Response]:
+    settings: MetricSettings = point.settings
+    devices = len(point.scene.devices)
+    run = run_trusted(point.scene, point.ask)
+    response = run.response
+    summary = summarise(response, point.scene, settings)
+    status, message = response.status.name, response.message
+    if response.status != Status.OK and REMEDY[response.status] not in message:
+        message = _join(message, REMEDY[response.status])
+    if response.trusted and summary is None:
+        status, message = "ERROR", "the run ended before the metrics' window"
+    base = None
+    if summary is not None:
+        baseline = baseline_of(point, response)
+        base = baseline.summary
+        if baseline.status != Status.OK:
+            why = (
+                f"the baseline `{settings.baseline}` ended {baseline.status.name}: {baseline.message}".rstrip(
+                    ": "
+                )
+            )
+            message = _join(message, why)
+            status = "BASELINE_FAILED" if status == "OK" else status
+    metrics = compute(summary, base, devices)
+    if settings.repeats and summary is not None:
+        metrics |= _spreads(point, response, base, metrics)
+    record = Record(
+        key=point.key,
+        design=point.design,
+        environment=point.environment,
+        values=dict(point.values),
+        status=status,
+        message=" ".join(message.split()),
+        metrics=metrics,
+        energy_residual=float(response.energy_residual),
+        nodes_per_wave=float(response.nodes_per_wave),
+        steps_per_period=float(response.steps_per_period),
+        steps=int(response.cost.steps),
+        evaluations=int(response.cost.evaluations),
+        seconds=float(response.cost.seconds),
+        first_seconds=float(run.first_seconds),
+        model=response.model,
+        method=response.method,
+        segments=int(response.segments),
+        tolerance=run.tolerance,
+    )
+    return record, response
+
+
+def _spreads(
+    point: Point, response: Response, base: Summary | None, metrics: dict[str, float]
+) -> dict[str, float]:
+    """Half the range of each objective over the run and its perturbed, trusted repetitions."""
+    settings: MetricSettings = point.settings
+    stems = [name.removesuffix("_mean").removesuffix("_worst") for name in settings.objectives]
+    rows = [metrics]
+    for k in range(settings.repeats):
+        ask = replace(point.ask, perturbation=settings.perturbation, seed=point.ask.seed + k + 1)
+        again = run_trusted(point.scene, ask).response
+        if again.trusted:
+            rows.append(compute(summarise(again, point.scene, settings), base, len(point.scene.devices)))
+    spreads = {}
+    for name in dict.fromkeys(stems):
+        values = np.array([row.get(name, NAN) for row in rows])
+        good = len(rows) > 1 and bool(np.all(np.isfinite(values)))
+        spreads[f"{name}_spread"] = float(np.ptp(values)) / 2 if good else NAN
+    return spreads
+
+
+# --------------------------------------------------------------------------- time series
+
+
+def _series(point: Point, response: Response | None, names: list[str]) -> xr.Dataset:
+    if response is None or not len(response.t):
+        return xr.Dataset()
+    data: dict[str, Any] = {}
+    _add_signals(data, response, "")
+    own = summarise(response, point.scene, replace(point.settings, window=None))
+    for name in names:
+        scene = baseline_scene(point.scene, name)
+        run = run_trusted(scene, baseline_ask(point.ask, response)).response
+        if not len(run.t) or len(run.t) != len(response.t):
+            continue
+        _add_signals(data, run, f"{name}_")
+        base = summarise(run, scene, replace(point.settings, window=None), point.scene.cable)
+        if own is not None and base is not None:
+            index = (
+                ("time",),
+                settling_index(own, base),
+                {"units": "1", "long_name": f"G(t) against {name}"},
+            )
+            data[f"{name}_G"] = index
+            if name == point.settings.baseline:
+                data["G"] = index
+    offsets = [float(getattr(device, "rest_offset", 0.0)) for device in point.scene.devices]
+    data["rest_offset"] = (("device",), np.array(offsets), {"units": "m", "long_name": "rest offset y0"})
+    attrs = {"key": point.key, "status": response.status.name, "baselines": " ".join(names)}
+    return xr.Dataset(data, coords={"time": ("time", response.t, {"units": "s"})}, attrs=attrs)
+
+
+def _add_signals(data: dict[str, Any], response: Response, prefix: str) -> None:
+    shared = {"time", "axis", "end"}
+    for name, array in response.signals.items():
+        quantity = QUANTITIES[name]
+        dims = tuple(d if d in shared else prefix + d for d in quantity.dims)
+        data[prefix + name] = (dims, array, {"units": quantity.unit, "long_name": quantity.meaning})
+    meaning = "displacement normal to the static tangent"
+    dims = ("time", f"{prefix}node", "axis")
+    data[f"{prefix}transverse"] = (dims, transverse(response), {"units": "m", "long_name": meaning})

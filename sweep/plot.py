@@ -1,0 +1,421 @@
+"""Figures of a study: from a dataset to axes. Nothing is computed here; `series` prepares what results do not hold.
+
+Every ``plot_x(dataset, ax=None)`` draws into given axes, or makes a figure, and returns the axes; those of several
+panels take and return a figure. Labels come from the dataset's units and the table of metrics. Figures of a single
+point are in `histories`; `save_plot` draws any kind for a study's folder, without pyplot.
+"""
+
+from __future__ import annotations
+
+import json
+import math
+from collections.abc import Callable, Sequence
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import matplotlib
+import numpy as np
+import xarray as xr
+from matplotlib.axes import Axes
+from matplotlib.collections import LineCollection
+from matplotlib.colors import LogNorm, Normalize
+from matplotlib.figure import Figure
+from matplotlib.lines import Line2D
+from matplotlib.ticker import LogLocator, MaxNLocator
+
+from . import pareto
+from .histories import (
+    plot_energy,
+    plot_envelope,
+    plot_force_angle,
+    plot_force_law,
+    plot_gt,
+    plot_history,
+    plot_spectrum,
+    plot_stroke,
+    plot_wavelet,
+)
+from .labels import BEST, DESIGN, MAP, STYLE, UP, WORDS, draw_in, draw_on, metric_label, variable_label
+from .series import chosen_key, force_laws, series_of, spectrum, wavelet
+from .store import open_study, outcome, write_whole
+
+# --------------------------------------------------------------------------- the points of a study
+
+
+class Points(NamedTuple):
+    """A study's designs as figures need them, one entry for each."""
+
+    kinds: np.ndarray  # trusted, untrusted, failed, missing
+    values: dict[str, np.ndarray]  # objectives
+    spreads: dict[str, np.ndarray]  # of the objectives over perturbed runs; 0 where there are none
+    variables: dict[str, xr.DataArray]
+    front: np.ndarray  # indices
+    best: int | None
+
+    @property
+    def finite(self) -> np.ndarray:
+        return np.isfinite(np.column_stack(list(self.values.values()))).all(axis=1)
+
+    def which(self, kind: str) -> np.ndarray:
+        """Indices that can be drawn."""
+        return np.flatnonzero((self.kinds == kind) & self.finite)
+
+
+def points_of(dataset: xr.Dataset, objectives: Sequence[str] | None = None) -> Points:
+    """Sort a study's designs; ValueError where there is nothing to draw."""
+    names = list(objectives or json.loads(dataset.attrs.get("objectives", "[]")))
+    if not names:
+        raise ValueError("the study names no objectives: give some")
+    index = "design" if "environment" in dataset.dims else "point"
+    status = dataset["status"].values.astype(str).reshape(dataset.sizes[index], -1)
+    order = ("failed", "missing", "untrusted", "trusted")  # the worst of a design's environments stands for it
+    kinds = np.array([min((outcome(s) for s in row), key=order.index) for row in status])
+    found = Points(
+        kinds,
+        {name: pareto.column(dataset, name).values.astype(float) for name in names},
+        dict(zip(names, pareto.spreads(dataset, names).T, strict=True)),
+        {
+            str(name): coord
+            for name, coord in dataset.coords.items()
+            if coord.dims == (index,) and name not in ("design", index)
+        },
+        pareto.front(dataset, names),
+        pareto.best(dataset, names),
+    )
+    if not found.which("trusted").size and not found.which("untrusted").size:
+        count = f"{len(kinds)} points: " + ", ".join(
+            f"{n} {kind}" for kind in order if (n := np.count_nonzero(kinds == kind))
+        )
+        raise ValueError(f"no point has finite {', '.join(names)} ({count})")
+    return found
+
+
+def _is_log(values: np.ndarray) -> bool:
+    return bool(values.size and np.all(values > 0) and values.max() > 100 * values.min())
+
+
+def _norm(values: np.ndarray) -> Normalize:
+    if _is_log(values):
+        return LogNorm(float(values.min()), float(values.max()))
+    return Normalize(float(np.nanmin(values)), float(np.nanmax(values)))
+
+
+def _window(good: np.ndarray, doubtful: np.ndarray) -> tuple[float, float]:
+    """Limits that show the trusted points, and the untrusted ones only as far as they are near."""
+    shown = good if good.size else doubtful
+    margin = 0.06 * float(np.ptp(shown)) or 0.1 * abs(float(shown[0])) or 0.1
+    low, high = float(shown.min()) - margin, float(shown.max()) + margin
+    near = doubtful[(doubtful > low - 5 * margin) & (doubtful < high + 5 * margin)]
+    return min([low, *(near - margin / 3)]), max([high, *(near + margin / 3)])
+
+
+def _scatter(ax: Any, points: Points, columns: list[np.ndarray], colour: np.ndarray | None, size: float) -> Any:
+    """Trusted, untrusted, front and best points; the mappable of the trusted ones, or None."""
+    good, doubtful = points.which("trusted"), _shown(points, columns)  # axes in space clip nothing themselves
+    extra: dict[str, Any] = {"depthshade": False} if hasattr(ax, "set_zlim") else {}
+    ordinary = np.setdiff1d(good, points.front)
+
+    def draw(which: np.ndarray, **looks: Any) -> Any:
+        return ax.scatter(*(c[which] for c in columns), **looks, **extra)
+
+    def shade(which: np.ndarray) -> dict[str, Any]:
+        if colour is None:
+            return {"color": DESIGN}
+        return {"c": colour[which], "norm": _norm(colour), "cmap": MAP}
+
+    made = None
+    if ordinary.size:
+        made = draw(ordinary, s=size, linewidths=0, alpha=0.8, **shade(ordinary))
+    if doubtful.size:
+        draw(doubtful, s=2 * size, marker="x", color="0.45", linewidths=1.1)
+    others = points.front[points.front != points.best]
+    if others.size:
+        made = draw(others, s=2.2 * size, edgecolors="black", linewidths=1.1, **shade(others))
+    if points.best is not None:
+        where = np.array([points.best])
+        draw(where, s=14 * size, marker="*", color=BEST, edgecolors="black", linewidths=0.7, zorder=5)
+    return made
+
+
+def _error_bars(ax: Axes, points: Points, a: str, b: str) -> None:
+    """Spreads over perturbed runs of the front's points, where the study has them."""
+    for i in points.front:
+        x, y, dx, dy = points.values[a][i], points.values[b][i], points.spreads[a][i], points.spreads[b][i]
+        if dx > 0 or dy > 0:
+            ax.errorbar(x, y, xerr=dx, yerr=dy, color="0.4", linewidth=0.9, capsize=2.5, zorder=1.5)
+
+
+def _limits(points: Points, column: np.ndarray) -> tuple[float, float]:
+    return _window(column[points.which("trusted")], column[points.which("untrusted")])
+
+
+def _limit(ax: Any, points: Points, **columns: np.ndarray) -> None:
+    for name, column in columns.items():
+        getattr(ax, f"set_{name}lim")(*_limits(points, column))
+
+
+def _shown(points: Points, columns: Sequence[np.ndarray]) -> np.ndarray:
+    """Untrusted points within the axes."""
+    found = points.which("untrusted")
+    for column in columns:
+        low, high = _limits(points, column)
+        found = found[(column[found] >= low) & (column[found] <= high)]
+    return found
+
+
+def _legend(points: Points, axes_hide: int = 0) -> list[Any]:
+    """Handles with counts, failed and missing points included, which no axes can show."""
+    count = {kind: int(np.count_nonzero(points.kinds == kind)) for kind in set(points.kinds)}
+    shown = {kind: points.which(kind).size for kind in ("trusted", "untrusted")}
+    dot: dict[str, Any] = {"linestyle": "", "markersize": 6}
+    handles = [Line2D([], [], marker="o", color=DESIGN, label=f"trusted ({shown['trusted']})", **dot)]
+    if points.front.size:
+        looks = {**dot, "markersize": 8}
+        text = f"front ({points.front.size})"
+        handles.append(Line2D([], [], marker="o", color=DESIGN, markeredgecolor="black", label=text, **looks))
+    if points.best is not None:
+        looks = {**dot, "markersize": 12}
+        text = "best: nearest to the ideal"
+        handles.append(Line2D([], [], marker="*", color=BEST, markeredgecolor="black", label=text, **looks))
+    if shown["untrusted"]:
+        text = f"untrusted ({shown['untrusted']})"
+        handles.append(Line2D([], [], marker="x", color="0.45", label=text, **dot))
+    blank: dict[str, Any] = {"linestyle": "", "marker": ""}
+    undefined = sum(count.get(kind, 0) - shown[kind] for kind in shown)
+    for number, text in (
+        (undefined, "with an infinite or undefined objective"),
+        (count.get("failed", 0), "failed: no metrics"),
+        (count.get("missing", 0), "not run yet"),
+        (axes_hide, "untrusted beyond the axes"),
+    ):
+        if number:
+            handles.append(Line2D([], [], label=f"{number} {text}", **blank))
+    return handles
+
+
+def _legend_below(figure: Figure, handles: list[Any]) -> None:
+    columns = max(1, int(figure.get_size_inches()[0] / 2.6))
+    figure.legend(handles=handles, loc="outside lower center", ncols=columns)
+
+
+def _grid(count: int, wide: int) -> tuple[int, int]:
+    columns = min(count, wide)
+    return math.ceil(count / columns), columns
+
+
+def plot_front(
+    dataset: xr.Dataset,
+    figure: Figure | None = None,
+    *,
+    objectives: Sequence[str] | None = None,
+    colour: str | None = None,
+) -> Figure:
+    """Objectives against one another, pair by pair and three in space, coloured by a design variable.
+
+    With one objective: over each design variable. Failed points are counted in the legend.
+    """
+    points = points_of(dataset, objectives)
+    names = list(points.values)[:4]
+    if colour is not None and colour not in points.variables:
+        raise ValueError(f"no design variable `{colour}`; there are {', '.join(points.variables) or 'none'}")
+    colour = colour or next(iter(points.variables), None)
+    shade = points.variables[colour] if colour else None
+    shades = None if shade is None else shade.values.astype(float)
+    if len(names) == 1:
+        return plot_ea(dataset, figure, objectives=names)
+    pairs = [(a, b) for i, a in enumerate(names) for b in names[i + 1 :]]
+    panels = len(pairs) + (len(names) >= 3)
+    rows, columns = _grid(panels, 2 if panels <= 4 else 3)
+    figure = draw_in(figure, (max(4.7 * columns, 6.4), 3.9 * rows + 0.7))
+    mappable = None
+    for i, (a, b) in enumerate(pairs):
+        ax = figure.add_subplot(rows, columns, i + 1)
+        _error_bars(ax, points, a, b)
+        mappable = _scatter(ax, points, [points.values[a], points.values[b]], shades, 14) or mappable
+        _limit(ax, points, x=points.values[a], y=points.values[b])
+        ax.set_xlabel(metric_label(a))
+        ax.set_ylabel(metric_label(b, UP))
+    if len(names) >= 3:
+        ax3: Any = figure.add_subplot(rows, columns, panels, projection="3d")
+        mappable = _scatter(ax3, points, [points.values[n] for n in names[:3]], shades, 11) or mappable
+        _limit(ax3, points, **dict(zip("xyz", (points.values[n] for n in names[:3]), strict=True)))
+        ax3.set_xlabel(metric_label(names[0], WORDS, "\n"), labelpad=9)
+        ax3.set_ylabel(metric_label(names[1], WORDS, "\n"), labelpad=9)
+        ax3.set_zlabel(metric_label(names[2], WORDS, ", "), labelpad=5)
+        ax3.tick_params(pad=1, labelsize=8)
+        ax3.view_init(elev=24, azim=-56)
+        ax3.set_box_aspect(None, zoom=0.93)
+        floor = ax3.get_zlim()[0]
+        for i in points.front:
+            x, y, z = (points.values[n][i] for n in names[:3])
+            ax3.plot([x, x], [y, y], [floor, z], color="0.4", linewidth=0.8)
+        for axis in (ax3.xaxis, ax3.yaxis, ax3.zaxis):
+            axis.set_major_locator(MaxNLocator(5))
+    if mappable is not None and shade is not None:
+        figure.colorbar(
+            mappable, ax=figure.axes, label=variable_label(shade), location="bottom", shrink=0.6, aspect=40, pad=0.03
+        )
+    hidden = points.which("untrusted").size - _shown(points, [points.values[n] for n in names]).size
+    _legend_below(figure, _legend(points, hidden))
+    return figure
+
+
+def plot_ea(dataset: xr.Dataset, figure: Figure | None = None, *, objectives: Sequence[str] | None = None) -> Figure:
+    """Each objective over each design variable, like the paper's figure 5."""
+    points = points_of(dataset, objectives)
+    if not points.variables:
+        raise ValueError("the study has no design variables to draw its objectives over")
+    rows, columns = len(points.values), len(points.variables)
+    figure = draw_in(figure, (max(3.1 * columns + 0.8, 5.5), max(2.5 * rows + 0.8, 3.6)))
+    panels = figure.subplots(rows, columns, sharex="col", sharey="row", squeeze=False)
+    for i, (name, values) in enumerate(points.values.items()):
+        for j, variable in enumerate(points.variables.values()):
+            ax = panels[i, j]
+            x = variable.values.astype(float)
+            _scatter(ax, points, [x, values], None, 12)
+            _limit(ax, points, y=values)
+            if _is_log(x):
+                ax.set_xscale("log")
+                ax.set_xlim(x.min() / 1.6, x.max() * 1.6)
+                ax.xaxis.set_major_locator(LogLocator(numticks=6))
+            ax.grid(alpha=0.25, linewidth=0.6)
+            if j == 0:
+                ax.set_ylabel(metric_label(name, UP))
+            if i == rows - 1:
+                ax.set_xlabel(variable_label(variable))
+    hidden = points.which("untrusted").size - _shown(points, list(points.values.values())).size
+    _legend_below(figure, _legend(points, hidden))
+    return figure
+
+
+def plot_parallel(dataset: xr.Dataset, ax: Axes | None = None) -> Axes:
+    """Parallel coordinates: design variables, then objectives; the front's lines coloured by its first objective."""
+    points = points_of(dataset)
+    if points.finite.sum() < 2:
+        raise ValueError("parallel coordinates compare designs, and only one has finite objectives")
+    columns = {name: v.values.astype(float) for name, v in points.variables.items()} | points.values
+    ax = draw_on(ax, (max(1.5 * len(columns) + 2, 6), 4.8))
+    good, doubtful = points.which("trusted"), points.which("untrusted")
+    names, heights = list(columns), []
+    for i, values in enumerate(columns.values()):
+        shown = values[good] if good.size else values[doubtful]
+        log = _is_log(shown)
+        scaled = np.log10(values) if log else values
+        low, high = (np.log10(shown) if log else shown).min(), (np.log10(shown) if log else shown).max()
+        span = (high - low) or 1.0
+        heights.append(np.clip((scaled - low) / span, -0.06, 1.06))
+        ticks = _ticks(low, high, log)
+        ax.plot([i, i], [0, 1], color="black", linewidth=0.9, zorder=4)
+        for tick in ticks:
+            at = (tick - low) / span
+            ax.plot([i - 0.025, i], [at, at], color="black", linewidth=0.9, zorder=4)
+            text = f"$10^{{{tick:.0f}}}$" if log else f"{tick:.4g}"
+            halo = {"facecolor": "white", "edgecolor": "none", "pad": 0.6, "alpha": 0.75}
+            ax.text(i - 0.05, at, text, ha="right", va="center", fontsize=8, bbox=halo, zorder=5)
+    lines = np.column_stack(heights)
+    paths = np.stack([np.broadcast_to(np.arange(len(names)), lines.shape), lines], axis=2)
+
+    def draw(which: np.ndarray, **looks: Any) -> LineCollection:
+        made = LineCollection(list(paths[which]), **looks)
+        ax.add_collection(made)
+        return made
+
+    draw(np.setdiff1d(good, points.front), colors="0.72", linewidths=0.6, alpha=0.6)
+    draw(doubtful, colors="0.45", linewidths=0.9, linestyles="dotted")
+    first = next(iter(points.values))
+    if points.front.size:
+        shades = points.values[first][points.front]
+        made = draw(points.front, array=shades, cmap=MAP, linewidths=1.6)
+        ax.figure.colorbar(made, ax=ax, label=f"{metric_label(first, WORDS, ', ')} (front)", pad=0.02)
+    if points.best is not None:
+        draw(np.array([points.best]), colors=BEST, linewidths=2.8, zorder=3)
+    ax.set_xlim(-0.45, len(names) - 0.85)
+    ax.set_ylim(-0.08, 1.08)
+    texts = [variable_label(points.variables[n]) if n in points.variables else metric_label(n, UP, "\n") for n in names]
+    ax.set_xticks(range(len(names)), texts)
+    ax.set_yticks([])
+    ax.tick_params(length=0)
+    ax.spines[:].set_visible(False)
+    handles = [
+        Line2D([], [], color="0.72", label=f"trusted ({good.size})"),
+        Line2D([], [], color=matplotlib.colormaps[MAP](0.5), label=f"front ({points.front.size})", linewidth=2),
+    ]
+    if points.best is not None:
+        handles.append(Line2D([], [], color=BEST, label="best", linewidth=2.8))
+    if doubtful.size:
+        text = f"untrusted ({doubtful.size})"
+        handles.append(Line2D([], [], color="0.45", linestyle="dotted", label=text))
+    handles += [h for h in _legend(points) if not h.get_marker() or h.get_marker() == "None"]
+    ax.legend(handles=handles, loc="lower center", bbox_to_anchor=(0.5, 1.02), ncols=4)
+    return ax
+
+
+def _ticks(low: float, high: float, log: bool) -> list[float]:
+    slack = 1e-9 * max(abs(low), abs(high))
+    if log:
+        every = max(1, round((high - low) / 6))
+        return [float(e) for e in range(math.ceil(low), math.floor(high) + 1, every)]
+    return [float(t) for t in MaxNLocator(5).tick_values(low, high) if low - slack <= t <= high + slack]
+
+
+# --------------------------------------------------------------------------- files
+
+
+class Kind(NamedTuple):
+    """A kind of figure: how it is drawn, from what, how large a single panel is, and what it shows."""
+
+    draw: Callable[[xr.Dataset, Figure], Any]
+    data: Callable[[Path], xr.Dataset]
+    meaning: str
+
+
+def _single(function: Callable[..., Axes], size: tuple[float, float]) -> Callable[[xr.Dataset, Figure], Axes]:
+    def draw(dataset: xr.Dataset, figure: Figure) -> Axes:
+        figure.set_size_inches(*size)
+        return function(dataset, figure.subplots())
+
+    return draw
+
+
+def _series(directory: Path) -> xr.Dataset:
+    return series_of(directory, chosen_key(open_study(directory)))
+
+
+PLOTS: dict[str, Kind] = {
+    "front": Kind(plot_front, open_study, "objectives against one another, coloured by a design variable"),
+    "parallel": Kind(_single(plot_parallel, (10, 5)), open_study, "parallel coordinates of variables and objectives"),
+    "ea": Kind(plot_ea, open_study, "each objective over each design variable"),
+    "history": Kind(plot_history, _series, "displacement at stations along the cable, with and without devices"),
+    "stroke": Kind(plot_stroke, _series, "offset of each device's mass, with its cross-well jumps"),
+    "envelope": Kind(_single(plot_envelope, (5.8, 6.8)), _series, "least and greatest displacement along the cable"),
+    "gt": Kind(_single(plot_gt, (7.2, 5.4)), _series, "G(t), t_first and t_settle"),
+    "energy": Kind(plot_energy, _series, "the energy ledger over time"),
+    "wavelet": Kind(plot_wavelet, lambda d: wavelet(_series(d)), "Morlet transform of the probe's displacement"),
+    "spectrum": Kind(
+        _single(plot_spectrum, (7.2, 4.4)), lambda d: spectrum(_series(d)), "spectrum of the probe's displacement"
+    ),
+    "force-law": Kind(plot_force_law, lambda d: force_laws(), "force of a sink: springs against cords"),
+    "force-angle": Kind(
+        _single(plot_force_angle, (6.6, 4.6)),
+        lambda d: force_laws((0.0, 2.0, 5.0, 8.0, 11.48), reach=0.02),
+        "force of a sink against its initial angle",
+    ),
+}
+
+
+def save_plot(directory: str | Path, kind: str) -> Path:
+    """Draw a kind of figure for the best point (or all points) of a folder into DIR/figures, and return its path.
+
+    Raises
+    ------
+    ValueError
+        Where the kind is unknown or the folder has nothing to draw; one sentence says which.
+    """
+    if kind not in PLOTS:
+        raise ValueError(f"no figure is called `{kind}`; there are {', '.join(PLOTS)}")
+    directory = Path(directory)
+    data = PLOTS[kind].data(directory)
+    with matplotlib.rc_context(STYLE):
+        figure = Figure(layout="constrained")
+        PLOTS[kind].draw(data, figure)
+        return write_whole(directory / "figures" / f"{kind}.png", lambda place: figure.savefig(place, format="png"))

@@ -1,0 +1,290 @@
+"""What a run says while it works and when it ends: heartbeat, grouped failures, trust, tables."""
+
+from __future__ import annotations
+
+import difflib
+import logging
+import re
+import time
+from collections import Counter
+from collections.abc import Iterable, Mapping, Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import xarray as xr
+from rich.console import Console
+from rich.table import Table
+
+from .config import METRICS, Study, find_metric
+from .distribute import Done
+from .pareto import column
+from .plan import PilotRun, Plan
+from .store import outcome
+
+EVERY_SECONDS = 30.0
+EVERY_SHARE = 0.05
+ROW_BYTES = 2500  # a journal's row and its share of results.nc
+
+log = logging.getLogger(__name__)
+
+
+def duration(seconds: float) -> str:
+    """Seconds as people say them."""
+    if seconds < 90:
+        return f"{seconds:.0f} s"
+    return f"{seconds / 60:.0f} min" if seconds < 5400 else f"{seconds / 3600:.1f} h"
+
+
+class Progress:
+    """Counts rows and logs a line each 30 s or 5 %, whichever comes later than a second after the last."""
+
+    def __init__(self, total: int) -> None:
+        self.total, self.done = total, 0
+        self.counts: Counter[str] = Counter()
+        self._said = time.monotonic()
+        self._said_at = 0
+        self._first: float | None = None  # when the first row came; what went before was compiling
+
+    def report(self, done: Done) -> None:
+        self.done += 1
+        self._first = self._first or time.monotonic()
+        self.counts[outcome(done.status)] += 1
+        if outcome(done.status) == "failed":
+            log.debug("%s: %s", done.status, done.message)
+
+    def beat(self) -> None:
+        """Say how far it is, if it is time."""
+        elapsed = time.monotonic() - self._said
+        far = self.done - self._said_at >= EVERY_SHARE * self.total
+        if elapsed < 1.0 or not (elapsed >= EVERY_SECONDS or far):
+            return
+        self._said, self._said_at = time.monotonic(), self.done
+        log.info("%s", self.line())
+
+    def line(self) -> str:
+        share = 100 * self.done / max(self.total, 1)
+        text = f"{self.done} of {self.total} points done ({share:.0f} %)"
+        text += "".join(
+            f", {self.counts[kind]} {kind}" for kind in ("failed", "untrusted") if self.counts[kind]
+        )
+        if self._first is not None and 1 < self.done < self.total:
+            each = (time.monotonic() - self._first) / (self.done - 1)
+            text += f", about {duration(each * (self.total - self.done))} left"
+        return text
+
+
+# --------------------------------------------------------------------------------------------- trust
+
+_NUMBER = re.compile(r"(?<![\w.])[-+]?\d+(?:\.\d+)?(?:[eE][-+]?\d+)?")
+
+
+def grouped(pairs: Iterable[tuple[str, str]]) -> list[tuple[int, str, str]]:
+    """(count, status, message) of equal failures, most frequent first; numbers in messages are ignored."""
+    counts: Counter[tuple[str, str]] = Counter()
+    first: dict[tuple[str, str], str] = {}
+    for status, message in pairs:
+        group = (status, _NUMBER.sub("#", message))
+        counts[group] += 1
+        first.setdefault(group, message)
+    return [(count, group[0], first[group]) for group, count in counts.most_common()]
+
+
+def trust_summary(pairs: Sequence[tuple[str, str]]) -> str:
+    """How many points may be believed, and why the others may not, from each point's (status, message)."""
+    counts = Counter(outcome(status) for status, _ in pairs)
+    total = len(pairs)
+    lines = [
+        f"trusted    {counts['trusted']:6d} of {total} ({100 * counts['trusted'] / max(total, 1):.1f} %)"
+    ]
+    for kind in ("untrusted", "failed"):
+        if counts[kind]:
+            lines.append(f"{kind:<10} {counts[kind]:6d}")
+            groups = grouped(pair for pair in pairs if outcome(pair[0]) == kind)
+            lines += [
+                f"    {count:6d}  {status}: {message or 'no message'}"
+                for count, status, message in groups[:8]
+            ]
+            if len(groups) > 8:
+                lines.append(f"    {sum(count for count, _, _ in groups[8:]):6d}  others")
+    if counts["missing"]:
+        lines.append(f"missing    {counts['missing']:6d}  not run yet")
+    return "\n".join(lines)
+
+
+# --------------------------------------------------------------------------------------------- tables
+
+
+def number(value: Any) -> str:
+    """Four digits, or the text."""
+    return f"{value:.4g}" if isinstance(value, float) else str(value)
+
+
+def table(title: str, columns: Sequence[str], rows: Iterable[Sequence[Any]], console: Console) -> str:
+    """A table as text: boxed on a terminal, plain columns elsewhere."""
+    cells = [[number(cell) for cell in row] for row in rows]
+    if not console.is_terminal:
+        text = _plain(columns, cells)
+        return f"{title}\n{text}" if title else text
+    made = Table(title=title or None, title_justify="left")
+    for heading in columns:
+        made.add_column(heading)
+    for row in cells:
+        made.add_row(*row)
+    with console.capture() as capture:
+        console.print(made)
+    return capture.get().rstrip()
+
+
+def _plain(columns: Sequence[str], rows: Iterable[Sequence[str]]) -> str:
+    """Columns of text, each as wide as its widest cell."""
+    every = [columns, *rows]
+    widths = [max(len(row[i]) for row in every) for i in range(len(columns))]
+    lines = ["  ".join(c.ljust(w) for c, w in zip(row, widths, strict=True)).rstrip() for row in every]
+    return "\n".join(lines)
+
+
+def front_table(
+    dataset: xr.Dataset,
+    objectives: Sequence[str],
+    chosen: Sequence[int] | np.ndarray,
+    tied: Sequence[bool] | np.ndarray,
+    best: int | None,
+    console: Console,
+) -> str:
+    """The front by its first objective: key, design variables, objectives; the best point is marked."""
+    if not len(chosen):
+        return "no trusted points, and so no front: `sweep status` says why"
+    index = "design" if "environment" in dataset.dims else "point"
+    variables = [str(name) for name, c in dataset.coords.items() if c.dims == (index,) and name != "design"]
+    columns = {name: column(dataset, name).values for name in objectives}
+    keys = dataset["key"].values.reshape(dataset.sizes[index], -1)[:, 0]
+    rows = [
+        (
+            str(keys[i])[:12],
+            *(float(dataset[name].values[i]) for name in variables),
+            *(float(columns[name][i]) for name in objectives),
+            "best" if i == best else "tied" if mark else "",
+        )
+        for i, mark in zip(chosen, tied, strict=True)
+    ]
+    rows.sort(key=lambda row: row[1 + len(variables)])
+    units = [f"{name} [{dataset[name].attrs.get('units', '?')}]" for name in variables]
+    title = f"front: {len(rows)} of {dataset.sizes[index]} designs"
+    return table(title, ("key", *units, *objectives, ""), rows, console)
+
+
+def one_point(dataset: xr.Dataset, key: str, criterion: bool = False) -> str:
+    """Everything about one point: what it is and how it ended, then a table of its metrics."""
+    place = np.argwhere(dataset["key"].values == key)[0]
+    point = dataset.isel(dict(zip(dataset["key"].dims, place, strict=True)))
+    index = "design" if "environment" in dataset.dims else "point"
+    names = [str(name) for name in point.data_vars]
+    metrics = [n for n in names if _stem(n) == n and find_metric(n) is not None]
+    shown = ["key", "status", "message", *(str(n) for n in point.coords)]
+    shown += [n for n in names if n not in shown and _stem(n) not in metrics]
+    lines = [f"criterion: {dataset.attrs['criterion']}", ""] if criterion else []
+    for name in shown:
+        value, about = point[name].values.item(), point[name].attrs
+        if value != "" and not (name == "point" and index == "point"):
+            text = f"{name:<20} {number(value)}{_unit(about):<10}".rstrip()
+            lines.append(f"{text:<44}  {about.get('long_name', '')}".rstrip())
+    aggregates = [kind for kind in ("mean", "worst") if any(f"{n}_{kind}" in point for n in metrics)]
+    rows = []
+    for name in metrics:
+        spread = f" ± {number(point[f'{name}_spread'].item())}" if f"{name}_spread" in point else ""
+        cells = [
+            number(point[n].item()) if n in point else "" for n in (f"{name}_{kind}" for kind in aggregates)
+        ]
+        about = point[name].attrs
+        rows.append(
+            (
+                name,
+                number(point[name].item()) + spread,
+                *cells,
+                _unit(about).strip(),
+                about.get("long_name", ""),
+            )
+        )
+    return "\n".join([*lines, "", _plain(("metric", "value", *aggregates, "unit", "meaning"), rows)])
+
+
+def _stem(name: str) -> str:
+    """The metric that a column is about: ``delta`` for ``delta_mean`` and ``delta_spread_worst``."""
+    while name not in METRICS and (cut := re.sub(r"_(mean|worst|spread)$", "", name)) != name:
+        name = cut
+    return name
+
+
+def _unit(about: Mapping[str, Any]) -> str:
+    return "" if about.get("units", "1") == "1" else f" {about['units']}"
+
+
+def no_such_key(text: str, every: Sequence[str], found: Sequence[str]) -> str:
+    """What to say of a key that is nobody's, or of several points."""
+    if found:
+        return f"{text} is the beginning of {len(found)} keys: {', '.join(found[:5])}"
+    near = difflib.get_close_matches(text, every, n=3, cutoff=0.0)
+    return f"no point has the key {text}; the nearest: {', '.join(near) or 'none, there are no points'}"
+
+
+# --------------------------------------------------------------------------------------------- begin, end
+
+
+def about(entry: Any) -> str:
+    """A catalogue entry's one-line meaning."""
+    return str(getattr(entry, "meaning", entry))
+
+
+def describe(study: Study, plan: Plan, pilots: Sequence[PilotRun]) -> str:
+    """What would run, on what, and what it will cost; costs are those of the pilots on this machine."""
+    points = len(plan)
+    lines = [
+        f"{study.name}: {len(plan.designs)} designs in {len(plan.environments)} environment"
+        f"{'s' * (len(plan.environments) > 1)}, {points} points, {len(set(plan.keys))} of them distinct",
+        f"variables    {', '.join(study.variables) or 'none'}",
+        f"sampler      {study.sampler.kind}, seed {study.sampler.seed}",
+        f"objectives   {', '.join(study.objectives)}",
+        f"baseline     {study.settings.baseline}, {len(plan.baselines)} different",
+        f"time limit   {duration(study.time_limit) if study.time_limit else 'none'} for a point",
+    ]
+    for pilot in pilots:
+        r = pilot.response
+        lines += [
+            f"pilot        {pilot.label}: {r.status.name}{': ' + r.message if r.message else ''}",
+            f"             {r.model} by {r.method}, {r.segments} segments ({r.reason or 'as asked'})",
+            f"             {r.nodes_per_wave:.3g} nodes in the shortest wave, "
+            f"{r.steps_per_period:.3g} steps in the shortest period, energy residual {r.energy_residual:.1e}",
+            f"             {r.cost.steps} steps, {r.cost.evaluations} evaluations, {r.cost.seconds:.2f} s",
+        ]
+    runs = points * (1 + study.repeats.n)
+    seconds = [pilot.response.cost.seconds for pilot in pilots]
+    work = sum(pilot.work for pilot in pilots) / max(len(pilots), 1)
+    mean = sum(seconds) / max(len(seconds), 1)
+    lines += [
+        f"cost         about {runs * mean / 3600:.2g} core-hours: {runs} runs of {mean:.2g} s "
+        f"({min(seconds, default=0):.2g} to {max(seconds, default=0):.2g} s); {runs * work:.2g} node-steps",
+        f"disk         about {points * ROW_BYTES / 1e6:.1f} MB",
+    ]
+    return "\n".join(lines)
+
+
+def ending(pairs: Sequence[tuple[str, str]], interrupted: str, results: Path | None, directory: Path) -> str:
+    """The last words of a run: trust, and where it leaves off."""
+    lines = [trust_summary(pairs)]
+    if interrupted:
+        lines.append(f"interrupted by {interrupted}: the same command goes on from here")
+    elif results is not None:
+        lines.append(f"results    {results}")
+    else:
+        lines.append(f"this slice is done; after the others: sweep merge {directory}")
+    return "\n".join(lines)
+
+
+def outlook(missing: int, rate: float, age: float) -> str:
+    """When the missing points will be there."""
+    if not missing:
+        return "complete"
+    if rate <= 0 or age > 600:
+        return f"{missing} points to go; no run has written a row in the last ten minutes"
+    return f"{missing} points to go, about {duration(missing / rate)} at the present pace"

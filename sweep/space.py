@@ -1,0 +1,204 @@
+"""Designs, the scenes that they make, their baselines, and the keys that name them."""
+
+from __future__ import annotations
+
+import dataclasses
+import hashlib
+import itertools
+import json
+import warnings
+from collections.abc import Iterator, Mapping
+from dataclasses import asdict, replace
+from typing import Any
+
+import numpy as np
+from scipy.stats import qmc
+
+from solvers import Ask, PointMass, Scene, Section
+
+from .config import MetricSettings, Study
+from .fields import bind, dump
+from .point import Point
+
+# --------------------------------------------------------------------------- designs
+
+
+def unit_samples(study: Study) -> np.ndarray:
+    """Designs in the unit cube, one column for each variable.
+
+    ``random`` and ``sobol`` give the same first designs whatever ``n``; a Latin hypercube depends on ``n``.
+
+    Returns
+    -------
+    (n_design, n_variable) float in [0, 1)
+    """
+    sampler, axes = study.sampler, study.variables
+    d = len(axes)
+    if d == 0:
+        return np.zeros((1, 0))
+    if sampler.kind == "grid":
+        return _grid(study)
+    n = sampler.n or 1
+    rng = np.random.default_rng(sampler.seed)
+    if sampler.kind == "random":
+        return rng.random((n, d))
+    if sampler.kind == "lhs":
+        return qmc.LatinHypercube(d, seed=rng).random(n)
+    with warnings.catch_warnings():  # a prefix of a Sobol sequence is wanted, balanced or not
+        warnings.simplefilter("ignore", UserWarning)
+        return qmc.Sobol(d, scramble=True, seed=rng).random(n)
+
+
+def _grid(study: Study) -> np.ndarray:
+    levels = []
+    for key, variable in study.variables.items():
+        if variable.values is not None:
+            n = len(variable.values)
+            levels.append((np.arange(n) + 0.5) / n)
+        else:
+            n = study.sampler.levels.get(key) or study.sampler.n or 1
+            levels.append(np.linspace(0, 1, n) if n > 1 else np.array([0.5]))
+    return np.array(list(itertools.product(*levels)))
+
+
+def designs(study: Study, limit: int | None = None) -> list[dict[str, float]]:
+    """The study's designs, each the values of its variables by name; ``limit`` takes the first ones."""
+    samples = unit_samples(study)[:limit]
+    return [
+        {key: variable.at(float(u)) for (key, variable), u in zip(study.variables.items(), row, strict=True)}
+        for row in samples
+    ]
+
+
+def design_scene(study: Study, values: Mapping[str, float], environment: int = 0) -> Scene:
+    """The scene of a design in an environment, validated."""
+    return bind(study.scene, dict(study.environments[environment].set) | study.assignments(values))
+
+
+def make_point(study: Study, design: int, environment: int, values: Mapping[str, float]) -> Point:
+    """A point ready to run."""
+    scene = design_scene(study, values, environment)
+    return Point(
+        key=point_key(scene, study.ask, study.settings),
+        design=design,
+        environment=environment,
+        values=dict(values),
+        scene=scene,
+        ask=study.ask,
+        settings=study.settings,
+    )
+
+
+def points(study: Study, limit: int | None = None) -> Iterator[Point]:
+    """All points, environments of a design together; ``limit`` counts designs."""
+    for i, values in enumerate(designs(study, limit)):
+        for e in range(len(study.environments)):
+            yield make_point(study, i, e, values)
+
+
+# --------------------------------------------------------------------------- keys
+
+
+def canonical(value: Any) -> Any:
+    """Plain data in which equal physics looks equal: numbers as floats, no -0.0, nothing not given."""
+    if isinstance(value, bool | str):
+        return value
+    if isinstance(value, int | float):
+        return float(value) + 0.0  # -0.0 + 0.0 is 0.0
+    if isinstance(value, Mapping):
+        return {
+            str(k): canonical(v)
+            for k, v in value.items()
+            if v is not None and k not in ("name", "description")
+        }
+    if isinstance(value, list | tuple):
+        return [None if item is None else canonical(item) for item in value]
+    if dataclasses.is_dataclass(value) and not isinstance(value, type):
+        return canonical(asdict(value))
+    raise TypeError(f"{type(value).__name__} has no canonical form")
+
+
+def point_key(scene: Scene, ask: Ask, settings: MetricSettings | None = None) -> str:
+    """The name of a run: hash of all that its metrics depend on, solver version excepted.
+
+    Names and descriptions do not count; 1e6 and 1000000 are the same. Objectives count only where repeats are
+    asked for, because only then do they change what is stored.
+
+    Returns
+    -------
+    16 hexadecimal digits
+    """
+    parts = {"scene": dump(scene), "ask": asdict(ask)}
+    if settings is not None:
+        chosen = asdict(settings)
+        if not settings.repeats:
+            del chosen["repeats"], chosen["perturbation"], chosen["objectives"]
+        parts["metrics"] = chosen
+    text = json.dumps(canonical(parts), sort_keys=True, separators=(",", ":"), allow_nan=False)
+    return hashlib.sha256(text.encode()).hexdigest()[:16]
+
+
+# --------------------------------------------------------------------------- baselines
+
+
+def baseline_scene(scene: Scene, name: str) -> Scene:
+    """The scene that a design is compared with, by the baseline's name.
+
+    ``plain``: no devices. ``uniform``: no devices, their mass and net weight spread evenly along the cable.
+    ``locked``: each mass fixed at its point, no rod. ``rod_locked``: the same on the device's rigid rod.
+    Fixed masses and buoys of the scene stay as they are in the last two.
+    """
+    if name == "plain":
+        return replace(scene, devices=())
+    if name == "uniform":
+        return replace(scene, devices=(), cable=tuple(_loaded(scene)))
+    if name not in ("locked", "rod_locked"):
+        raise ValueError(f"no baseline `{name}`: uniform, locked, rod_locked, plain")
+    return replace(scene, devices=tuple(_locked(device, name == "rod_locked") for device in scene.devices))
+
+
+def _locked(device: Any, with_rod: bool) -> Any:
+    if isinstance(device, PointMass):
+        return device
+    rod = device.rod_length if with_rod and device.rod_length > 0 else None
+    return PointMass(
+        kind="locked",
+        s=device.s,
+        mass=device.mass,
+        volume=device.volume,
+        drag=device.drag,
+        added_mass=device.added_mass,
+        rod=rod,
+        rod_EA=device.rod_EA if rod else None,
+    )
+
+
+def _loaded(scene: Scene) -> Iterator[Section]:
+    """The cable's sections with the devices' mass and net weight per metre of cable added."""
+    if not scene.devices:
+        yield from scene.cable
+        return
+    mass = sum(device.mass for device in scene.devices) / scene.length
+    weight = sum(_net_mass(device, scene.density) for device in scene.devices) * scene.g / scene.length
+    for section in scene.cable:
+        yield replace(
+            section,
+            mass=section.mass + mass,
+            volume=None,
+            wet_weight=wet_weight(section, scene.density, scene.g) + weight,
+        )
+
+
+def _net_mass(device: Any, density: float) -> float:
+    """Mass less displaced mass; devices are neutrally buoyant by default, in water."""
+    if device.volume is None:
+        return 0.0 if density > 0 else device.mass
+    return device.mass - density * device.volume
+
+
+def wet_weight(section: Section, density: float, g: float) -> float:
+    """Weight less buoyancy of a section of cable [N/m]."""
+    if section.wet_weight is not None:
+        return section.wet_weight
+    volume = np.pi * section.d**2 / 4 if section.volume is None else section.volume
+    return float((section.mass - density * volume) * g)

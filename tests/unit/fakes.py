@@ -1,0 +1,116 @@
+"""Evaluators that misbehave on purpose, and a run of them: ``mpirun -n P python -m mpi4py fakes.py DIR POINTS``."""
+
+from __future__ import annotations
+
+import os
+import resource
+import signal
+import sys
+import time
+from collections.abc import Iterator
+from contextlib import contextmanager
+from typing import Any
+
+from sweep import distribute
+from sweep.point import Point, Record
+
+HERE = os.path.abspath(__file__)
+MODES = ("good", "segfault", "exit", "loop", "raise", "print", "kill", "quit")
+
+
+def make(number: int, mode: str = "good", seconds: float = 0.0) -> Point:
+    nothing: Any = None
+    values = {"x": number / 7, "mode": float(MODES.index(mode)), "seconds": seconds}
+    return Point(
+        key=f"{number:04d}",
+        design=number,
+        environment=0,
+        values=values,
+        scene=nothing,
+        ask=nothing,
+        settings=None,
+    )
+
+
+def evaluate(point: Point) -> Record:
+    """Do what the point's mode says."""
+    mode = MODES[int(point.values["mode"])]
+    time.sleep(point.values["seconds"])
+    if mode in ("segfault", "kill"):
+        os.kill(os.getpid(), signal.SIGSEGV if mode == "segfault" else signal.SIGKILL)
+    if mode == "exit":
+        os._exit(3)
+    if mode == "quit":
+        sys.exit(4)
+    if mode == "loop":
+        while True:
+            pass
+    if mode == "raise":
+        raise ValueError("on purpose")
+    if mode == "print":
+        print("stray text on stdout", flush=True)
+        os.write(1, b"more of it\n")
+    x = point.values["x"]
+    metrics = {"delta": x / 3, "gamma": float("inf") if x > 1 else x**0.5, "t_first": float("nan")}
+    return Record(
+        key=point.key, design=point.design, environment=0, values=point.values, status="OK", metrics=metrics
+    )
+
+
+@contextmanager
+def full_disk(size: int) -> Iterator[None]:
+    """No file of this process may grow beyond ``size`` bytes."""
+    before = resource.getrlimit(resource.RLIMIT_FSIZE)
+    resource.setrlimit(resource.RLIMIT_FSIZE, (size, before[1]))
+    try:
+        yield
+    finally:
+        resource.setrlimit(resource.RLIMIT_FSIZE, before)
+
+
+def tell(point: Point) -> Record:
+    """What the environment holds of launchers and threads."""
+    found = [
+        f"{name}={os.environ[name]}"
+        for name in ("PMI_RANK", "SLURM_JOB_ID", "OMPI_COMM_WORLD_SIZE", "OMP_NUM_THREADS", "NUMBA_NUM_THREADS")
+        if name in os.environ
+    ]
+    return Record(key=point.key, design=0, environment=0, values={}, status="OK", message=" ".join(found))
+
+
+def die() -> None:
+    """A warm-up that takes the process with it."""
+    os._exit(5)
+
+
+def main(directory: str, count: str, seconds: str = "0.01", *modes: str) -> int:
+    ranks = distribute.world()
+    if f"full-{ranks.rank}" in modes:  # this rank's disk fills up
+        resource.setrlimit(resource.RLIMIT_FSIZE, (1500, resource.RLIM_INFINITY))
+    modes = tuple(mode for mode in modes if mode in MODES)
+    if ranks.rank > 0:
+        return distribute.serve(ranks)
+    points = [make(i, modes[i % len(modes)] if modes else "good", float(seconds)) for i in range(int(count))]
+    job = distribute.Job(
+        directory=directory,
+        header={"solver": "fake"},
+        evaluator=f"{HERE}:evaluate",
+        warm_ups=(),
+        time_limit=1.0,
+    )
+    code = 2
+    try:
+        done = job.store(0).rows()
+        left = [point for point in points if point.key not in done]
+        print(f"{len(left)} of {len(points)} to do on {ranks.size} ranks", flush=True)
+        code = 3 if distribute.map_points(left, job, ranks) else 0
+    except distribute.CannotRun as error:
+        print(error, file=sys.stderr)
+        code = 3 if error.resumable else 2
+    finally:
+        distribute.dismiss(ranks, code)
+    return code
+
+
+if __name__ == "__main__":
+    sys.exit(main(*sys.argv[1:]))

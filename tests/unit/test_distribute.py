@@ -1,0 +1,137 @@
+"""One child, bad points, signals and limits: every point ends in a row with a reason."""
+
+from __future__ import annotations
+
+import os
+import signal
+import subprocess
+import sys
+import time
+import types
+from pathlib import Path
+
+import fakes
+import pytest
+
+from sweep import distribute
+from sweep.distribute import Alone, Job, map_points
+from sweep.store import CannotWrite, DiskStore
+from sweep.supervise import CannotRun, Child
+
+
+def job(directory=None, **changes) -> Job:
+    settings = {"evaluator": f"{fakes.HERE}:evaluate", "warm_ups": (), "time_limit": 1.0}
+    return Job(directory=None if directory is None else str(directory), **(settings | changes))
+
+
+def test_bad_points_are_rows_with_reasons(tmp_path):
+    points = [fakes.make(i, mode) for i, mode in enumerate(fakes.MODES)]
+    assert map_points([*points, fakes.make(99)], job(tmp_path), Alone()) == ""
+    rows = {key: (row.status, row.message) for key, row in DiskStore(tmp_path).rows().items()}
+    assert rows["0099"] == ("OK", "")
+    assert {mode: rows[f"{i:04d}"] for i, mode in enumerate(fakes.MODES)} == {
+        "good": ("OK", ""),
+        "print": ("OK", ""),
+        "segfault": ("CRASHED", "the worker process was killed by signal 11 (SIGSEGV)"),
+        "kill": ("CRASHED", "the worker process was killed by signal 9 (SIGKILL)"),
+        "exit": ("CRASHED", "the worker process ended with exit code 3"),
+        "loop": ("TIMEOUT", "passed the time limit of 1 s"),
+        "raise": ("ERROR", rows["0004"][1]),
+        "quit": ("ERROR", rows["0007"][1]),
+    }
+    assert rows["0004"][1].startswith("ValueError: on purpose (fakes.py:")
+
+
+def test_the_child_sees_no_launcher_and_one_thread(monkeypatch):
+    monkeypatch.setenv("PMI_RANK", "3")
+    monkeypatch.setenv("SLURM_JOB_ID", "17")
+    monkeypatch.setenv("OMPI_COMM_WORLD_SIZE", "2")
+    told = distribute.evaluate_alone(fakes.make(0), job(evaluator=f"{fakes.HERE}:tell")).message
+    assert told == "OMP_NUM_THREADS=1 NUMBA_NUM_THREADS=1"
+
+
+@pytest.mark.parametrize("evaluator", ["no.such.module:evaluate", f"{fakes.HERE}:nothing"])
+def test_a_child_that_cannot_start_says_why(evaluator):
+    with pytest.raises(CannotRun, match=r"cannot start: (ModuleNotFound|Attribute)Error"):
+        distribute.evaluate_alone(fakes.make(0), job(evaluator=evaluator))
+
+
+def test_a_child_that_dies_at_its_start_is_given_up():
+    with pytest.raises(CannotRun, match=r"exit code 5 before it was ready, 3 times"):
+        distribute.evaluate_alone(fakes.make(0), job(warm_ups=(f"{fakes.HERE}:die",)))
+
+
+def test_the_child_dies_with_its_parent():
+    code = f"""
+import sys, time
+sys.path.insert(0, {str(Path(fakes.HERE).parent)!r})
+import fakes
+from sweep.supervise import Child
+child = Child({fakes.HERE + ":evaluate"!r})
+child.submit(fakes.make(0))
+while child.poll(0.1) is None: pass
+child.submit(fakes.make(1, "loop"))
+print(child._process.pid, flush=True)
+time.sleep(60)
+"""
+    with subprocess.Popen([sys.executable, "-c", code], stdout=subprocess.PIPE, text=True) as parent:
+        pid = int(parent.stdout.readline())
+        parent.kill()
+    deadline = time.monotonic() + 5
+    while Path(f"/proc/{pid}").exists() and "Z" not in _state(pid):
+        assert time.monotonic() < deadline, "the child outlived its parent"
+        time.sleep(0.05)
+
+
+def _state(pid: int) -> str:
+    try:
+        return Path(f"/proc/{pid}/stat").read_text().rpartition(")")[2].split()[0]
+    except OSError:
+        return "Z"
+
+
+@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM, signal.SIGUSR1])
+def test_an_interrupt_stops_the_map_and_keeps_what_is_done(tmp_path, number):
+    def after_two(done):
+        if len(DiskStore(tmp_path).rows()) == 2:
+            os.kill(os.getpid(), number)
+
+    points = [fakes.make(i) for i in range(9)]
+    assert map_points(points, job(tmp_path), Alone(), after_two) == signal.Signals(number).name
+    assert len(DiskStore(tmp_path).rows()) == 2
+    assert signal.getsignal(number) is not None
+
+
+def test_a_full_disk_ends_the_map(tmp_path):
+    size = []  # of the journal after one row and after two: a row's length varies with the digits of its timings
+    points = [fakes.make(i) for i in range(4)]
+    measured = job(tmp_path / "measured")
+    map_points(points[:2], measured, Alone(), lambda done: size.append(_bytes(tmp_path / "measured")))
+    with fakes.full_disk((size[0] + size[1]) // 2), pytest.raises(CannotWrite, match="run the same command again"):
+        map_points(points, job(tmp_path / "full"), Alone())
+    assert len(DiskStore(tmp_path / "full").rows()) == 1
+
+
+def _bytes(directory: Path) -> int:
+    return max(path.stat().st_size for path in directory.rglob("*") if path.is_file())
+
+
+@pytest.mark.parametrize("name", ["SLURM_NTASKS", "PMI_SIZE", "OMPI_COMM_WORLD_SIZE"])
+@pytest.mark.parametrize("installed", [True, False])
+def test_strangers_are_refused(monkeypatch, name, installed):
+    lonely = types.ModuleType("mpi4py")
+    lonely.MPI = types.SimpleNamespace(COMM_WORLD=types.SimpleNamespace(size=1, rank=0))
+    monkeypatch.setitem(sys.modules, "mpi4py", lonely if installed else None)
+    monkeypatch.setenv(name, "3")
+    with pytest.raises(CannotRun, match=rf"3 processes were asked for \({name}=3\)"):
+        distribute.world()
+
+
+def test_stop_kills_the_child_at_once():
+    child = Child(f"{fakes.HERE}:evaluate")
+    child.submit(fakes.make(0, "loop"))
+    while not child._ready:
+        child.poll(0.1)
+    pid = child._process.pid
+    child.stop()
+    assert not Path(f"/proc/{pid}").exists()

@@ -1,0 +1,288 @@
+"""Figures: each kind draws what it is given, says units, shows what is not trusted, and clips nothing."""
+
+from __future__ import annotations
+
+import json
+import re
+
+import matplotlib
+import numpy as np
+import pytest
+import xarray as xr
+from matplotlib.figure import Figure
+
+from sweep import plot
+from sweep.labels import STYLE, label, metric_label, symbol
+from sweep.plot import PLOTS, plot_ea, plot_front, plot_parallel, points_of, save_plot
+from sweep.series import force_laws, spectrum, wavelet
+
+SENTENCE = re.compile(r"^[^\n]{10,200}$")
+
+
+def study(n=24, objectives=("delta", "gamma", "t_settle"), variables=("EA1", "EA2"), seed=0):
+    """Random results: two untrusted points, one far off, a failed and a missing one."""
+    draw = np.random.default_rng(seed)
+    status = np.array(["OK"] * n, dtype=object)
+    columns = {
+        "delta": draw.uniform(0.5, 0.9, n),
+        "gamma": draw.uniform(-0.3, 0.4, n),
+        "t_settle": draw.uniform(1, 4, n),
+        "rms": draw.uniform(0.01, 0.02, n),
+        "t_first": np.full(n, np.inf),
+    }
+    if n > 8:
+        status[:4] = "ENERGY_OPEN", "UNRESOLVED", "DIVERGED", "MISSING"
+        columns["delta"][1] = 47000.0
+        for values in columns.values():
+            values[2:4] = np.nan
+    keys = np.array([f"{i:04x}" for i in range(n)], dtype=object)
+    data = {name: ("point", values) for name, values in columns.items()}
+    coords = {"design": ("point", np.arange(n))}
+    for name in variables:
+        coords[name] = ("point", 10 ** draw.uniform(4, 10, n), {"units": "N"})
+    return xr.Dataset(
+        data | {"status": ("point", status), "key": ("point", keys)},
+        coords=coords,
+        attrs={"objectives": json.dumps(list(objectives))},
+    )
+
+
+def series(**attrs):
+    """Two seconds of a hanging cable with a bistable sink, a tuned damper and a fixed mass."""
+    t, arc = np.linspace(0, 2, 401), np.linspace(0, 10, 11)
+    decay = np.exp(-t)
+    x = np.outer(decay * np.sin(4 * np.pi * t), np.sin(np.pi * arc / 10))
+    stroke = np.stack([0.03 * np.cos(2 * np.pi * t), 0.02 * np.cos(9 * t), 0 * t], axis=1)
+    passages = np.diff(np.sign(stroke), axis=0, prepend=1.0) != 0
+    metre, joule, pure = ({"units": unit} for unit in ("m", "J", "1"))
+    data = {
+        "arc": ("node", arc, metre),
+        "depth": ("node", 20 - arc, metre),
+        "displacement": (("time", "node"), 0.5 * x, metre),
+        "baseline_arc": ("baseline_node", arc, metre),
+        "baseline_displacement": (("time", "baseline_node"), x, metre),
+        "stroke": (("time", "device"), stroke, metre),
+        "rest_offset": ("device", [0.03, 0.0, 0.0], metre),
+        "device_s": ("device", [2.0, 5.0, 8.0], metre),
+        "device_kind": ("device", np.array(["bnes", "tmd", "mass"], dtype=object)),
+        "jump": (("time", "device"), passages.astype("i1"), pure),
+        "G": ("time", 0.95 * (1 - decay), pure),
+        "share": ("time", 1 - decay**2, pure),
+        "residual": ("time", 1e-4 * t, pure),
+        "lost_water": ("time", 3 - 3 * decay**2, joule),
+        **dict.fromkeys(("kinetic", "mechanical"), ("time", 3 * decay**2, joule)),
+        **dict.fromkeys(
+            ("strain", "gravity", "work", "lost_cable", "lost_device", "lost_seabed", "rotation"),
+            ("time", 0 * t, joule),
+        ),
+    }
+    about = {"status": "OK", "baseline": "locked", "probe": 3.3, "pulse_end": 0.5, "design": 3, "key": "abcd"}
+    about |= {"metric_t_first": np.inf, "metric_t_settle": 1.15, "metric_t_energy": 1.15, "devices": 3}
+    return xr.Dataset(data, coords={"time": ("time", t, {"units": "s"})}, attrs=about | attrs)
+
+
+DATA = {"wavelet": lambda: wavelet(series()), "spectrum": lambda: spectrum(series())}
+DATA |= dict.fromkeys(("front", "parallel", "ea"), study)
+DATA |= {"force-law": force_laws, "force-angle": lambda: force_laws((0.0, 5.0, 10.0))}
+
+
+def drawn(kind, data=None):
+    """A kind of figure, not yet laid out."""
+    figure = Figure(layout="constrained")
+    with matplotlib.rc_context(STYLE):
+        PLOTS[kind].draw(DATA.get(kind, series)() if data is None else data, figure)
+    return figure
+
+
+def words(figure):
+    return " | ".join(text.get_text() for text in figure.findobj(matplotlib.text.Text))
+
+
+@pytest.mark.parametrize("kind", PLOTS)
+def test_every_kind_draws_within_its_paper(kind):
+    figure = drawn(kind)
+    figure.draw_without_rendering()
+    box = figure.get_tightbbox()
+    width, height = figure.get_size_inches()
+    # 0.05 inch: the layout's own padding
+    assert box.x0 > -0.05
+    assert box.x1 < width + 0.05
+    assert box.y0 > -0.05
+    assert box.y1 < height + 0.05
+
+
+@pytest.mark.parametrize("kind", PLOTS)
+def test_labels_have_units(kind):
+    figure = drawn(kind)
+    texts = [ax.get_xlabel() for ax in figure.axes] + [ax.get_ylabel() for ax in figure.axes]
+    texts.append(figure.get_supylabel())
+    if kind == "parallel":
+        texts += [tick.get_text() for tick in figure.axes[0].get_xticklabels()]
+    texts = [text for text in texts if text]
+    assert len(texts) >= 2
+    assert all(re.search(r"\[[^\]]+\]", text) for text in texts), texts
+
+
+@pytest.mark.parametrize("kind", ["front", "ea", "parallel"])
+def test_untrusted_and_failed_points_are_visible_as_such(kind):
+    text = words(drawn(kind))
+    for part in ("trusted (20)", "untrusted (2)", "1 failed", "1 not run"):
+        assert part in text
+
+
+def test_markers_differ():
+    """Untrusted points are crosses; front points are outlined; the best is a star; nothing is drawn twice."""
+    ax = drawn("front").axes[0]
+    points = points_of(study())
+    sizes = [len(c.get_offsets()) for c in ax.collections]
+    shapes = [len(c.get_paths()[0].vertices) for c in ax.collections]
+    assert sizes == [20 - points.front.size, 1, points.front.size - 1, 1]  # the other untrusted one is far off
+    assert len({shapes[0], shapes[1], shapes[3]}) == 3
+    assert ax.collections[2].get_edgecolor()[0] == pytest.approx([0, 0, 0, 1])
+
+
+def test_an_untrusted_point_far_off_does_not_set_the_axes():
+    figure = drawn("front")
+    assert figure.axes[0].get_xlim()[1] < 1.2
+    assert "1 untrusted beyond the axes" in words(figure)
+
+
+def test_the_colour_is_logarithmic_and_can_be_chosen():
+    colours = plot_front(study(), Figure(layout="constrained"), colour="EA2").axes[0].collections[0]
+    assert isinstance(colours.norm, matplotlib.colors.LogNorm)
+    assert colours.norm.vmax == pytest.approx(study()["EA2"].max())
+    with pytest.raises(ValueError, match="no design variable `EA9`; there are EA1, EA2"):
+        plot_front(study(), Figure(), colour="EA9")
+
+
+@pytest.mark.parametrize(
+    ("objectives", "panels"),
+    [
+        (("delta",), 2),
+        (("delta", "gamma"), 1),
+        (("delta", "gamma", "rms"), 4),
+        (("delta", "gamma", "rms", "t_settle"), 7),
+    ],
+)
+def test_any_number_of_objectives(objectives, panels):
+    figure = drawn("front", study(objectives=objectives))
+    assert sum(ax.get_label() != "<colorbar>" for ax in figure.axes) == panels
+
+
+@pytest.mark.parametrize("kind", ["front", "ea", "parallel"])
+@pytest.mark.parametrize("variables", [(), ("EA1",)])
+@pytest.mark.parametrize("n", [1, 2])
+def test_few_points_and_variables(kind, variables, n):
+    """Drawn, or refused in a sentence where there is nothing to compare."""
+    if (kind == "ea" and not variables) or (kind == "parallel" and n == 1):
+        with pytest.raises(ValueError, match=r"no design variables|compare designs"):
+            drawn(kind, study(n=n, variables=variables))
+    else:
+        drawn(kind, study(n=n, variables=variables))
+
+
+@pytest.mark.parametrize("kind", ["front", "ea", "parallel"])
+def test_only_untrusted_points(kind):
+    data = study()
+    data["status"][data["status"] == "OK"] = "ENERGY_OPEN"
+    assert "untrusted (22)" in words(drawn(kind, data))
+
+
+def test_environments_and_error_bars():
+    """A design counts as its worst environment; its objectives are means; spreads are bars on the front."""
+    n = 6
+    values = np.linspace(0.3, 0.8, 2 * n).reshape(n, 2)
+    status = np.full((n, 2), "OK", dtype=object)
+    status[2, 1], status[3, 0] = "ENERGY_OPEN", "DIVERGED"
+    dims = ("design", "environment")
+    data = xr.Dataset(
+        {
+            "status": (dims, status),
+            "delta": (dims, values),
+            "gamma": (dims, values),
+            "delta_spread": (dims, np.full((n, 2), 0.02)),
+        },
+        coords={"design": np.arange(n), "environment": ["calm", "rough"]},
+        attrs={"objectives": '["delta", "gamma"]'},
+    )
+    points = points_of(data)
+    assert points.kinds.tolist() == ["trusted", "trusted", "untrusted", "failed", "trusted", "trusted"]
+    assert points.values["delta"] == pytest.approx(values.mean(axis=1))
+    assert len(drawn("front", data).axes[0].containers) == points.front.size == 4
+
+
+@pytest.mark.parametrize(
+    ("function", "data", "match"),
+    [
+        (plot_front, lambda: study(objectives=()), "no objectives"),
+        (plot_ea, lambda: study(objectives=("t_first",)), "no point has finite t_first"),
+        (plot_parallel, lambda: study(objectives=("stroke", "delta")), "hold no metric `stroke`"),
+        (plot.plot_gt, lambda: series().drop_vars("G"), "hold no G"),
+        (plot.plot_stroke, lambda: series().drop_vars("stroke"), "no device"),
+        (plot.plot_energy, lambda: series().drop_vars("work"), "hold no work"),
+    ],
+)
+def test_nothing_to_draw_is_a_sentence(function, data, match):
+    with pytest.raises(ValueError, match=match) as caught:
+        function(data())
+    assert SENTENCE.match(str(caught.value))
+
+
+@pytest.mark.parametrize("kind", ["history", "stroke", "envelope", "gt", "energy"])
+def test_an_untrusted_history_says_so(kind):
+    assert "untrusted: ENERGY_OPEN" in words(drawn(kind, series(status="ENERGY_OPEN")))
+
+
+@pytest.mark.parametrize("kind", ["history", "envelope"])
+def test_without_a_baseline(kind):
+    alone = series().drop_vars(["baseline_displacement", "baseline_arc", "device_s", "device_kind"])
+    assert "baseline" not in words(drawn(kind, alone))
+
+
+def test_stroke_marks_jumps_and_leaves_out_fixed_masses():
+    figure = drawn("stroke")
+    assert [ax.get_title(loc="left") for ax in figure.axes] == [
+        "device 1 (bnes) at s = 2.00 m: 4 cross-well jumps",
+        "device 2 (tmd) at s = 5.00 m: one well",
+    ]
+    assert len(figure.axes[0].collections[0].get_segments()) == 4
+
+
+def test_gt_marks_the_metrics():
+    assert "1.150 s" in words(drawn("gt"))
+    assert "never reaches 0.9" in words(drawn("gt"))
+    assert "= 1.500 s" in words(drawn("gt", series(metric_t_first=1.5)))
+
+
+def test_words():
+    assert metric_label("delta") == "Δ [-]   ← better"
+    assert metric_label("gamma_worst", ("less", "more"), ", ") == "Γ, worst [-], more"
+    assert metric_label("peak_curvature", ("", "")) == "peak curvature [1/m]"
+    assert symbol("rms_probe") == "rms probe"
+    assert label(xr.DataArray(0.0, attrs={"units": "m3"}), "volume") == "volume [m³]"
+
+
+def test_a_figure_of_a_folder(tmp_path, monkeypatch):
+    from matplotlib import pyplot
+
+    monkeypatch.setitem(PLOTS, "front", PLOTS["front"]._replace(data=lambda directory: study()))
+    path = save_plot(tmp_path, "front")
+    assert path == tmp_path / "figures" / "front.png"
+    assert path.read_bytes()[:4] == b"\x89PNG"
+    assert [each.name for each in path.parent.iterdir()] == ["front.png"]
+    assert pyplot.get_fignums() == []
+    with pytest.raises(ValueError, match="no figure is called `fornt`; there are front, "):
+        save_plot(tmp_path, "fornt")
+
+
+def test_a_notebook_gets_its_own_figures():
+    from matplotlib import pyplot
+
+    pyplot.switch_backend("agg")
+    try:
+        ax = plot.plot_gt(series())
+        assert ax.figure.number in pyplot.get_fignums()
+        assert plot.plot_gt(series(), ax) is ax
+        assert len(pyplot.get_fignums()) == 1
+    finally:
+        pyplot.close("all")
