@@ -211,7 +211,8 @@ def test_any_cord_runs_and_closes(EA):
     assert run.energy_residual < 1e-3
     stroke = run.signals["stroke"]
     wall = 0.5 * math.sin(math.radians(3.562))
-    assert stroke[:, 0].min() < -wall
+    # a stiff wall throws the mass back between two samples: at 3 m/s it is seen up to 1.5 mm, 5 % of y0, before it
+    assert stroke[:, 0].min() < -0.95 * wall
     if EA >= 1e8:  # a wall: what a mass of 4 kg at 3 m/s pushes it in by is less than 5 % of the stroke
         assert np.abs(stroke).max() < 1.05 * wall
     assert run.cost.steps < 6000
