@@ -11,7 +11,9 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from . import scene as sc
+from .catenary import catenary_of
 from .dispatch import GRAVITY, N_ENERGIES, STRAIN, call_energies, call_residual, has
+from .geometry import basis_of
 from .lines import lumped
 from .methods import explicit, implicit, statics
 from .methods.march import C_EVALUATIONS, C_FACTORS, C_REJECTED, C_STEPS, make_ends, make_output
@@ -87,7 +89,7 @@ def needs(scene: sc.Scene, ask: Ask | None = None) -> Feature:
             found |= F.ROD
     if any(end.motion for end in (scene.end_a, scene.end_b)):
         found |= F.MOTION
-    if len(lumped.params.basis_of(scene)) == 3:
+    if len(basis_of(scene)) == 3:
         found |= F.SPATIAL
     if ask is not None and ask.duration > 0:
         found |= F.TRANSIENT
@@ -180,70 +182,14 @@ def cheapest(scene: sc.Scene, ask: Ask) -> Choice:
 
 
 def static_state(model: Any) -> tuple[Status, np.ndarray, str]:
-    """Equilibrium of a model: catenary or straight line as a start, then relaxation."""
-    guesses = []
-    shape = catenary_guess(model)
-    if shape is not None:
-        guesses.append(shape)
-    guesses.append(model.straight())
-    # what rounding of the coordinates alone makes of the stiffest segment's force
-    rounding = float((model.pack.EA / model.pack.rest).max()) * float(np.spacing(np.abs(guesses[-1]).max()))
-    tolerance = max(1e-10 * model.force_scale, 8 * rounding)
-    result = (Status.NO_STATIC, model.place(guesses[0]), "")
-    for guess in guesses:
-        result = statics.equilibrium(model.softened(model.place(guess)), model.place(guess), model.reach, tolerance)
+    """Equilibrium of a model from the first of its starts that leads there."""
+    result = (Status.NO_STATIC, np.zeros(model.ndof), "")
+    for q in model.starts():
+        result = statics.equilibrium(model.softened(q), q, model.reach, model.static_tolerance)
         if result[0] == Status.OK:
             break
-    model._aim(result[1][model.pack.at[: model.nodes, None] + np.arange(model.dim)])
+    model.settle(result[1])
     return result
-
-
-class Catenary(NamedTuple):
-    """The elastic catenary between a scene's ends, with mean weight and stiffness."""
-
-    H: float  # horizontal force, vertical force at the upper end [N]
-    V: float
-    w: float  # wet weight, positive [N/m]
-    EA: float
-    sign: float  # -1 for a buoyant line, which hangs upwards
-    low: np.ndarray
-    high: np.ndarray
-    bed: bool
-
-
-def catenary_of(scene: sc.Scene) -> Catenary | None:
-    """None where a free end, a vertical or a weightless line leaves no catenary."""
-    a, b = scene.end_a.position, scene.end_b.position
-    if a is None or b is None:
-        return None
-    length = scene.length
-    w = sum(s.length * lumped.params.wet_weight(s, scene) for s in scene.cable) / length
-    EA = length / sum(s.length / s.EA for s in scene.cable)
-    pa, pb = np.array(a), np.array(b)
-    sign = 1.0 if w >= 0 else -1.0
-    low, high = (pa, pb) if sign * (pb - pa)[2] >= 0 else (pb, pa)
-    span, rise = float(np.hypot(*(high - low)[:2])), abs(float((high - low)[2]))
-    bed = bool(scene.seabed and abs(low[2] - scene.seabed.z) < 1e-6 * length and sign > 0)
-    if span < 1e-9 * length or abs(w) * length < 1e-9 * EA:
-        return None
-    try:
-        H, V = statics.catenary(span, rise, length, abs(w), EA, bed)
-    except ValueError:
-        return None
-    return Catenary(H, V, abs(w), EA, sign, low, high, bed)
-
-
-def catenary_guess(model: Any) -> np.ndarray | None:
-    """Nodes on the scene's elastic catenary; None where there is none."""
-    scene = model.scene
-    found = catenary_of(scene)
-    if found is None:
-        return None
-    flat = (found.high - found.low)[:2]
-    from_a = np.array_equal(found.low, np.array(scene.end_a.position))
-    s = model.mesh.s if from_a else scene.length - model.mesh.s
-    x, z = statics.catenary_shape(s, found.H, found.V, scene.length, found.w, found.EA, found.bed)
-    return found.low + np.outer(x / np.hypot(*flat), [*flat, 0.0]) + np.outer(found.sign * z, [0.0, 0.0, 1.0])
 
 
 def solve(scene: sc.Scene, ask: Ask) -> Response:

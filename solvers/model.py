@@ -147,7 +147,12 @@ class Model(Protocol):
     ndof: int
     n_gaps: int
 
-    def place(self, shape: np.ndarray) -> np.ndarray: ...
+    reach: float  # largest move of a dof in one static iteration [m]
+    static_tolerance: float  # largest residual of a state at rest [N]
+
+    def starts(self) -> list[np.ndarray]: ...  # first guesses of the static state, best first
+    def softened(self, q: np.ndarray) -> list[Any]: ...  # static packs, softer first, the real one last
+    def settle(self, static: np.ndarray) -> None: ...  # the static state is known
     def given(self) -> tuple[np.ndarray, np.ndarray]: ...
     def observe(self, q: np.ndarray, v: np.ndarray, force: np.ndarray, static: np.ndarray) -> dict[str, np.ndarray]: ...
     def fastest(self, static: np.ndarray) -> dict[str, float]: ...

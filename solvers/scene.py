@@ -77,6 +77,13 @@ class Section:
     def carries_compression(self) -> bool:
         return self.EI > 0 if self.compression is None else self.compression
 
+    def wet(self, density: float, g: float) -> float:
+        """Weight less buoyancy in a fluid of `density` [kg/m3]; [N/m]."""
+        if self.wet_weight is not None:
+            return self.wet_weight
+        volume = math.pi / 4 * self.d**2 if self.volume is None else self.volume
+        return (self.mass - density * volume) * g
+
 
 # --------------------------------------------------------------------------------------------- motion
 

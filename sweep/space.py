@@ -185,7 +185,7 @@ def _loaded(scene: Scene) -> Iterator[Section]:
             section,
             mass=section.mass + mass,
             volume=None,
-            wet_weight=wet_weight(section, scene.density, scene.g) + weight,
+            wet_weight=section.wet(scene.density, scene.g) + weight,
         )
 
 
@@ -194,11 +194,3 @@ def _net_mass(device: Any, density: float) -> float:
     if device.volume is None:
         return 0.0 if density > 0 else device.mass
     return device.mass - density * device.volume
-
-
-def wet_weight(section: Section, density: float, g: float) -> float:
-    """Weight less buoyancy of a section of cable [N/m]."""
-    if section.wet_weight is not None:
-        return section.wet_weight
-    volume = np.pi * section.d**2 / 4 if section.volume is None else section.volume
-    return float((section.mass - density * volume) * g)

@@ -1,4 +1,4 @@
-"""Statics: the elastic catenary in closed form, and Newton on the contract's residual with load continuation.
+"""Statics: Newton on the contract's residual with load continuation.
 
 Newton alone lands on spurious shapes; so it starts as a damped relaxation, (K + mu W) dq = -F with mu falling as the
 residual falls, which follows the way down the potential energy and ends as Newton.
@@ -6,13 +6,11 @@ residual falls, which follows the way down the potential energy and ends as Newt
 
 from __future__ import annotations
 
-import math
 from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
 from numba import njit
-from scipy.optimize import brentq
 
 from ..banded import factor, hold, substitute
 from ..dispatch import drive, residual, tangent
@@ -124,87 +122,3 @@ def equilibrium(packs: Sequence[Any], q: np.ndarray, reach: float, tolerance: fl
         else:
             trial, load, step = attempt, target, step * 1.5
     return Status.OK, trial, "reached by load continuation"
-
-
-# ---------------------------------------------------------------------------------------------- catenary
-
-
-def catenary(
-    span: float, rise: float, length: float, w: float, EA: float, bed: bool = False
-) -> tuple[float, float]:
-    """Horizontal and vertical force H, V at the upper end of an elastic catenary [N].
-
-    Parameters
-    ----------
-    span, rise : float [m]
-        Horizontal and vertical distance of the upper from the lower end, both >= 0.
-    length, w, EA : float
-        Unstretched length [m], wet weight > 0 [N/m], axial stiffness [N].
-    bed : bool
-        A frictionless bed at the lower end's level carries what would hang below it.
-
-    Raises
-    ------
-    ValueError
-        When no catenary fits (no weight, or the cable neither stretches nor hangs to the ends).
-    """
-    if not w > 0:
-        raise ValueError("a catenary needs weight")
-
-    def ends(H: float, V: float) -> tuple[float, float]:
-        if bed and V < w * length:  # part of the line rests
-            hang = V / w
-            x = length - hang + H / w * math.asinh(V / H) + H * length / EA
-            z = H / w * (math.hypot(1, V / H) - 1) + V * V / (2 * EA * w)
-            return x, z
-        low = V - w * length
-        x = H / w * (math.asinh(V / H) - math.asinh(low / H)) + H * length / EA
-        z = H / w * (math.hypot(1, V / H) - math.hypot(1, low / H)) + length / EA * (V - w * length / 2)
-        return x, z
-
-    def vertical(H: float) -> float:
-        lo, hi = -w * length, w * length
-        if bed:
-            lo = 0.0
-        while ends(H, hi)[1] < rise:
-            hi *= 2
-            if hi > 1e18:
-                raise ValueError("no catenary fits")
-        while ends(H, lo)[1] > rise and not bed:
-            lo *= 2
-            if lo < -1e18:
-                raise ValueError("no catenary fits")
-        return float(brentq(lambda V: ends(H, V)[1] - rise, lo, hi, xtol=1e-13 * hi, rtol=8.9e-16))
-
-    lo, hi = 1e-9 * w * length, w * length
-    if ends(lo, vertical(lo))[0] > span:
-        raise ValueError("the line hangs straight down: no catenary with a horizontal force")
-    while ends(hi, vertical(hi))[0] < span:
-        hi *= 2
-        if hi > 1e15 * w * length:
-            raise ValueError("no catenary fits")
-    H = float(
-        np.exp(
-            brentq(
-                lambda u: ends(math.exp(u), vertical(math.exp(u)))[0] - span,
-                math.log(lo),
-                math.log(hi),
-                xtol=1e-15,
-                rtol=8.9e-16,
-            )
-        )
-    )
-    return H, vertical(H)
-
-
-def catenary_shape(
-    s: np.ndarray, H: float, V: float, length: float, w: float, EA: float, bed: bool = False
-) -> tuple[np.ndarray, np.ndarray]:
-    """x(s), z(s) of the elastic catenary from its lower end, s unstretched [m]."""
-    start = max(0.0, length - V / w) if bed else 0.0
-    low = (V - w * length) if start == 0.0 else 0.0
-    u = np.clip(s - start, 0.0, None)
-    up = low + w * u
-    x = np.minimum(s, start) * (1 + H / EA) + H / w * (np.arcsinh(up / H) - np.arcsinh(low / H)) + H * u / EA
-    z = H / w * (np.hypot(1, up / H) - np.hypot(1, low / H)) + (up * up - low * low) / (2 * EA * w)
-    return x, z

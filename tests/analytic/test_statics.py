@@ -32,9 +32,9 @@ from solvers import (
     solve,
 )
 from solvers.catalogue import static_state
+from solvers.catenary import catenary
 from solvers.dispatch import call_tangent
 from solvers.lines.lumped import LumpedModel
-from solvers.methods.statics import catenary
 
 REFERENCE = Path(__file__).parents[1] / "reference"
 HERE, SIDE = (0.0, 0.0, 0.0), (1.0, 0.0, 0.0)

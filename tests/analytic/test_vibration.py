@@ -17,9 +17,9 @@ from scipy.special import jn_zeros, jv, yv
 
 from solvers import End, Harmonic, Motion, PointMass, Scene, Section, Status, Water
 from solvers.catalogue import static_state
+from solvers.catenary import catenary
 from solvers.dispatch import call_tangent
 from solvers.lines.lumped import LumpedModel
-from solvers.methods.statics import catenary
 
 
 def full(J: np.ndarray, bw: int) -> np.ndarray:

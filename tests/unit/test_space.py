@@ -12,7 +12,7 @@ from test_config import GOOD, study
 from solvers import BNES, Ask, PointMass
 from sweep.config import MetricSettings, parse_study
 from sweep.fields import SCENE, bind, dump
-from sweep.space import baseline_scene, design_scene, designs, point_key, points, wet_weight
+from sweep.space import baseline_scene, design_scene, designs, point_key, points
 
 
 def sampled(**sampler):
@@ -180,8 +180,8 @@ def test_uniform_keeps_mass_and_weight():
     assert found.devices == ()
     assert loaded.mass == pytest.approx(bare.mass + 7 / 4)
     bare_weight = (3.0 - 1000 * np.pi / 4 * 0.01) * 9.80665
-    assert wet_weight(bare, 1000, 9.80665) == pytest.approx(bare_weight)
-    assert wet_weight(loaded, 1000, 9.80665) == pytest.approx(bare_weight - 0.5 * 9.80665)
+    assert bare.wet(1000, 9.80665) == pytest.approx(bare_weight)
+    assert loaded.wet(1000, 9.80665) == pytest.approx(bare_weight - 0.5 * 9.80665)
     assert loaded.volume is None
 
 

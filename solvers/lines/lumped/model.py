@@ -10,11 +10,13 @@ from numba import njit
 
 from ... import scene as sc
 from ...algebra import axpy, dot, load, row, unit
+from ...catenary import hanging_shape
 from ...dispatch import call_residual, provides
+from ...geometry import basis_of
 from ...model import CannotRepresent, Status
 from ...motion import breaks, top_omega
 from . import kernels
-from .params import Lumped, Mesh, basis_of, device_wet_weight, discretise, make_mesh, wet_weight
+from .params import Lumped, Mesh, device_wet_weight, discretise, make_mesh
 
 provides(
     Lumped, drive=kernels.drive, residual=kernels.residual, tangent=kernels.tangent, accelerate=kernels.accelerate,
@@ -94,6 +96,24 @@ class LumpedModel:
         self.ndof = len(self.pack.weight)
 
     # ------------------------------------------------------------------------------------------ start
+
+    def starts(self) -> list[np.ndarray]:
+        """First guesses of the static state, best first."""
+        shape = hanging_shape(self.scene, self.mesh.s)
+        return [self.place(x) for x in (shape, self.straight()) if x is not None]
+
+    def settle(self, static: np.ndarray) -> None:
+        """The static state is known: aim the slide directions by it."""
+        self._aim(static[self.pack.at[: self.nodes, None] + np.arange(self.dim)])
+
+    @property
+    def static_tolerance(self) -> float:
+        """A residual that is at rest: 1e-10 of the forces, or what rounding of the coordinates alone makes of the
+        stiffest segment's force [N]."""
+        ends = [np.abs(e.position).max() for e in (self.scene.end_a, self.scene.end_b) if e.position] or [0.0]
+        far = float(max(ends)) + self.scene.length
+        rounding = float((self.pack.EA / self.pack.rest).max()) * float(np.spacing(far))
+        return max(1e-10 * self.force_scale, 8 * rounding)
 
     @property
     def reach(self) -> float:
@@ -210,7 +230,7 @@ class LumpedModel:
         elif self.scene.end_b.force is not None or self.scene.end_a.force is not None:
             along = np.array((self.scene.end_b if sign > 0 else self.scene.end_a).force)
         else:
-            heavy = sum(x.length * wet_weight(x, self.scene) for x in self.scene.cable)
+            heavy = sum(x.length * x.wet(self.scene.density, self.scene.g) for x in self.scene.cable)
             heavy += sum(device_wet_weight(d, self.scene) for d in self.scene.devices)
             along = np.array([0.0, 0.0, -1.0 if heavy >= 0 else 1.0])
         along = along / np.linalg.norm(along)

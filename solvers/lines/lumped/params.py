@@ -81,44 +81,6 @@ class Mesh(NamedTuple):
     mount: list[tuple[int, int]]  # hosts (or cord anchors) of each device
 
 
-def basis_of(scene: sc.Scene) -> np.ndarray:
-    """Rows: the axes of the scene's vertical plane, or of space when the scene does not lie in one."""
-    vectors: list[Any] = []
-    for end in (scene.end_a, scene.end_b):
-        for v in (end.direction, end.force):
-            if v is not None:
-                vectors.append(np.array(v))
-        if end.motion:
-            vectors += [np.array(h.amplitude) for h in end.motion.harmonics]
-            if end.motion.stochastic:
-                vectors.append(np.array(end.motion.stochastic.amplitude))
-            if end.motion.table:
-                vectors += list(np.array(end.motion.table.x))
-    if scene.end_a.position is not None and scene.end_b.position is not None:
-        vectors.append(np.array(scene.end_b.position) - np.array(scene.end_a.position))
-    if scene.water and scene.water.current:
-        vectors += [np.array(v) for v in scene.water.current.velocity]
-    if scene.start.shape:
-        shape = np.array(scene.start.shape)
-        vectors += list(shape - shape[0])
-        vectors += [np.array(v) for v in scene.start.velocity or ()]
-    for device in scene.devices:
-        if getattr(device, "direction", None) is not None:
-            vectors.append(np.array(device.direction))  # type: ignore[union-attr]
-    flat = np.array([v[:2] for v in vectors] or [np.zeros(2)])
-    size = np.abs(flat).max()
-    up = [0.0, 0.0, 1.0]
-    if size == 0.0:
-        return np.array([[1.0, 0.0, 0.0], up])
-    along = flat[np.argmax(np.hypot(*flat.T))]
-    along = along / np.hypot(*along)
-    if along[np.argmax(np.abs(along))] < 0:
-        along = -along
-    if np.abs(flat @ np.array([-along[1], along[0]])).max() > 1e-12 * size:
-        return np.eye(3)
-    return np.array([[float(along[0]), float(along[1]), 0.0], up])
-
-
 def make_mesh(scene: sc.Scene, segments: int) -> Mesh:
     """About `segments` segments: nodes at section boundaries, devices, rod ends; a rod is one segment.
 
@@ -170,14 +132,6 @@ def make_mesh(scene: sc.Scene, segments: int) -> Mesh:
     return Mesh(nodes, np.array(rod, dtype=bool), section, mount)
 
 
-def wet_weight(section: sc.Section, scene: sc.Scene) -> float:
-    """Weight less buoyancy of a section [N/m]."""
-    if section.wet_weight is not None:
-        return section.wet_weight
-    volume = math.pi / 4 * section.d**2 if section.volume is None else section.volume
-    return (section.mass - scene.density * volume) * scene.g
-
-
 def device_wet_weight(device: Any, scene: sc.Scene) -> float:
     """Weight less buoyancy of a device [N]; neutrally buoyant in water unless a volume is given."""
     if device.volume is None:
@@ -203,7 +157,7 @@ def discretise(scene: sc.Scene, mesh: Mesh, basis: np.ndarray, hold_free: bool =
         "mt": np.array([rho * x.Cat * math.pi / 4 * x.d**2 for x in S]),
         "cn": np.array([0.5 * rho * (x.drag_diameter or x.d) * x.Cdn for x in S]),
         "ct": np.array([0.5 * rho * math.pi * (x.drag_diameter or x.d) * x.Cdt for x in S]),
-        "w": np.array([wet_weight(x, scene) for x in S]),
+        "w": np.array([x.wet(rho, scene.g) for x in S]),
         "d": np.array([x.d for x in S]),
     }
     soft = ~mesh.rod
