@@ -47,6 +47,8 @@ class Status(IntEnum):
     ENERGY_OPEN = 7
     NO_STATIC = 8
     CANNOT_REPRESENT = 9
+    FEW_HARMONICS = 10
+    UNSTABLE = 11
 
 
 REMEDY = {
@@ -60,6 +62,8 @@ REMEDY = {
     Status.ENERGY_OPEN: "the energy balance does not close: lower `tolerance` or `step`",
     Status.NO_STATIC: "no static start was found: check weight, length and ends, or give the start's shape",
     Status.CANNOT_REPRESENT: "choose a model that can represent the scene (`sweep models`)",
+    Status.FEW_HARMONICS: "the series is too short: raise `tolerance` or `harmonics`, or run the time domain (explicit)",
+    Status.UNSTABLE: "the periodic response exists but is unstable: run the time domain (`method: explicit`)",
 }
 
 
