@@ -14,7 +14,7 @@ from . import scene as sc
 from .catenary import catenary_of
 from .dispatch import GRAVITY, N_ENERGIES, STRAIN, call_energies, call_residual, has
 from .geometry import basis_of
-from .lines import lumped
+from .lines import local, lumped
 from .methods import explicit, implicit, statics
 from .methods.march import C_EVALUATIONS, C_FACTORS, C_REJECTED, C_STEPS, make_ends, make_output
 from .model import REMEDY, Ask, CannotRepresent, Cost, Feature, Response, Status
@@ -53,6 +53,11 @@ MODELS: dict[str, Line] = {
         F.BENDING | F.SEABED | F.DRAG | F.CURRENT | F.SLACK | F.DEVICE | F.FREE_DEVICE | F.ROD | F.MOTION | F.TRANSIENT
         | F.PERIODIC | F.LARGE_MOTION | F.SPATIAL,
         "lumped masses joined by springs, planar or spatial, with devices (paper 003)",
+    ),
+    "local": Line(
+        local.build,
+        F.BENDING | F.DRAG | F.CURRENT | F.SLACK | F.MOTION | F.TRANSIENT | F.PERIODIC,
+        "small motion about the static shape in local coordinates (papers 000, 002)",
     ),
 }  # fmt: skip
 _MARCH = ("drive", "residual", "energies", "gaps")
