@@ -11,12 +11,13 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from . import scene as sc
+from . import settled
 from .catenary import catenary_of
 from .dispatch import GRAVITY, N_ENERGIES, STRAIN, call_energies, call_residual, has
 from .geometry import basis_of
 from .lines import local, lumped
-from .methods import explicit, implicit, statics
-from .methods.march import C_EVALUATIONS, C_FACTORS, C_REJECTED, C_STEPS, make_ends, make_output
+from .methods import explicit, floquet, harmonic, implicit, statics
+from .methods.march import C_EVALUATIONS, C_FACTORS, C_REJECTED, C_STEPS, LEDGER, make_ends, make_output
 from .model import REMEDY, Ask, CannotRepresent, Cost, Feature, Response, Status
 
 ENERGY_TOLERANCE = 1e-3  # a ledger that closes better than this is closed
@@ -71,8 +72,13 @@ METHODS: dict[str, Method] = {
     "trbdf2": Method(
         (*_MARCH, "tangent"), True, 1e-5, "TR-BDF2, order 2, implicit, error control in the energy norm"
     ),
+    "harmonic": Method(
+        ("drive", "residual", "tangent", "energies"), True, 5e-4,
+        "harmonic balance: the settled response to periodic motion and its stability (papers 000, 002)",
+    ),
 }
 ALIASES = {"explicit": "dopri5", "implicit": "trbdf2"}
+MARCHES = tuple(name for name in METHODS if name != "harmonic")
 
 
 def needs(scene: sc.Scene, ask: Ask | None = None) -> Feature:
@@ -169,21 +175,34 @@ def cheapest(scene: sc.Scene, ask: Ask) -> Choice:
         if math.isnan(error):
             why = f"{segments} segments: nothing in the scene says how fine they must be"
     if method == "auto":
-        if ask.step is not None:
-            method, why = "genalpha", f"a fixed step was asked; {why}"
-        elif scene.devices or segments <= 160:
-            method, why = (
-                "dopri5",
-                f"explicit: impacts, or a mesh so small that its axial step is cheap; {why}",
-            )
-        else:
-            method, why = (
-                "trbdf2",
-                f"implicit: no devices and a fine mesh, whose axial step would be dear; {why}",
-            )
+        method, how = marching(scene, ask, segments)
+        if can_settle(scene, ask):
+            method, how = "harmonic", "the motion is periodic: its settled response, without the way there"
+        why = f"{how}; {why}"
+    if method == "harmonic":
+        reason = settled.why_not(scene)
+        if reason:
+            raise CannotRepresent(f"harmonic: {reason}; methods that can: {', '.join(MARCHES)}")
     if METHODS[method].adaptive is False and ask.step is None and ask.duration > 0:
         raise CannotRepresent(f"{method} needs a `step`")
     return Choice(model, method, segments, why, estimate(scene, segments))
+
+
+def marching(scene: sc.Scene, ask: Ask, segments: int) -> tuple[str, str]:
+    """The time method for a scene, and why."""
+    if ask.step is not None:
+        return "genalpha", "a fixed step was asked"
+    if scene.devices or segments <= 160:
+        return "dopri5", "explicit: impacts, or a mesh so small that its axial step is cheap"
+    return "trbdf2", "implicit: no devices and a fine mesh, whose axial step would be dear"
+
+
+def can_settle(scene: sc.Scene, ask: Ask) -> bool:
+    """Whether `auto` takes harmonic balance: a periodic motion whose ramps, if it has any, are over before the output
+    begins; no seabed, on which its convergence is erratic."""
+    if ask.duration <= 0 or ask.step is not None or scene.seabed or settled.why_not(scene):
+        return False
+    return settled.ramped(scene) <= ask.output_from
 
 
 def static_state(model: Any) -> tuple[Status, np.ndarray, str]:
@@ -200,16 +219,29 @@ def static_state(model: Any) -> tuple[Status, np.ndarray, str]:
 def solve(scene: sc.Scene, ask: Ask) -> Response:
     """Run a scene: model and method chosen or as asked.
 
+    Where `auto` chose harmonic balance and its answer cannot be trusted, the time domain runs instead; `reason` tells.
+
     Raises
     ------
     CannotRepresent
         Before the run, for a choice that cannot represent the scene. Whatever goes wrong in the run is a Status.
     """
     choice = cheapest(scene, ask)
+    response = run(scene, ask, choice)
+    if choice.method == "harmonic" and ask.method == "auto" and not response.trusted:
+        method, how = marching(scene, ask, choice.segments)
+        reason = f"{how}; harmonic balance gave {response.status.name}: {response.message}"
+        response = run(scene, ask, choice._replace(method=method, reason=reason))
+    return response
+
+
+def run(scene: sc.Scene, ask: Ask, choice: Choice) -> Response:
+    """Run a scene by the model, method and mesh chosen."""
     if needs(scene) & F.BENDING and not bending_matters(scene, choice.segments):
         scene = without_bending(scene)
         choice = choice._replace(reason=f"{choice.reason}; bending left out: it cannot show at this resolution")
-    model = MODELS[choice.model].build(scene, choice.segments)
+    periodic = choice.method == "harmonic" and ask.duration > 0
+    model = MODELS[choice.model].build(settled.steady(scene) if periodic else scene, choice.segments)
     missing = [v for v in METHODS[choice.method].verbs if not has(type(model.pack), v)]
     if missing:
         raise CannotRepresent(
@@ -228,13 +260,56 @@ def solve(scene: sc.Scene, ask: Ask) -> Response:
         q, v = static.copy(), np.zeros_like(static)
     if status != Status.OK:
         return Response(status=status, message=f"{note}; {REMEDY[status]}", **common)
+    if periodic:
+        return settle(model, ask, static, common)
     if ask.perturbation > 0:
         draw = np.random.default_rng(ask.seed)
         v += ask.perturbation * draw.standard_normal(len(v))
     return march(model, ask, choice, static, q, v, common)
 
 
-LEDGER = ("kinetic", "strain", "gravity", "work", "lost_water", "lost_cable", "lost_device", "lost_seabed", "rotation")
+def output_grid(ask: Ask) -> np.ndarray:
+    """Times of the output [s]."""
+    grid = np.arange(int(ask.duration / ask.interval + 1e-9) + 1) * ask.interval
+    return np.ascontiguousarray(grid[grid >= ask.output_from * (1 - 1e-12)])
+
+
+def settle(model: Any, ask: Ask, static: np.ndarray, common: dict[str, Any]) -> Response:
+    """The settled response to periodic motion, by harmonic balance, shown on the output grid."""
+    pack, omega = model.pack, 2 * math.pi / settled.period(model.scene)[0]
+    tolerance = METHODS["harmonic"].tolerance if ask.tolerance is None else ask.tolerance
+    begun = time.perf_counter()
+    orbit = harmonic.periodic(pack, omega, static, tolerance, ask.harmonics)
+    work = orbit.work
+    if orbit.status not in (Status.OK, Status.FEW_HARMONICS):
+        cost = Cost(work.iterations, 0, work.evaluations, work.factorisations, time.perf_counter() - begun)
+        message = f"{orbit.message}; {REMEDY[orbit.status]}"
+        return Response(status=orbit.status, message=message, cost=cost, **common)
+    known = floquet.stability(pack, orbit)
+    t = output_grid(ask)
+    shown = settled.show(pack, orbit, t, 0.5 * float(pack.weight.sum()) * FLOOR_SPEED**2)
+    cost = Cost(work.iterations, 0, work.evaluations, work.factorisations, time.perf_counter() - begun)
+    guard, note, nodes = model.guards(static)
+    status, message = verdict(shown.residual, guard, note, math.inf)
+    signals = model.observe(shown.q, shown.v, shown.force, static)
+    if status == Status.OK and not known.stable:
+        status = Status.UNSTABLE
+        message = f"Floquet multiplier of size {known.largest:.4g} ({known.kind})"
+    if orbit.status != Status.OK:
+        status, message = orbit.status, orbit.message
+        if model.slack(signals):
+            message = f"the line goes slack, where harmonics fall off as 1/h^2 only: {message}"
+    if status != Status.OK:
+        message = f"{message}; {REMEDY[status]}" if message else REMEDY[status]
+    zero = _static_energy(model, static)
+    signals |= {what: shown.ledger[:, k] - zero.get(what, 0.0) for k, what in enumerate(LEDGER)}
+    common["estimated_error"] = float(np.nanmax([common["estimated_error"], orbit.tail]))
+    return Response(
+        status=status, message=message, t=t, signals=signals, energy_residual=shown.residual, nodes_per_wave=nodes,
+        cost=cost, harmonics=orbit.harmonics, multiplier=known.largest, **common,
+    )  # fmt: skip
+
+
 RUNGE_KUTTA = {"dopri5": explicit.DOPRI5, "rk4": explicit.RK4, "rk2": explicit.RK2}
 
 
@@ -277,12 +352,12 @@ def march(
         return _at_rest(model, static, common)
     fastest = model.fastest(static)
     limits = limits_of(model, ask, name, fastest)
-    grid = np.arange(int(ask.duration / ask.interval + 1e-9) + 1) * ask.interval
+    grid = output_grid(ask)
     out, s = make_output(grid, model.ndof, len(pack.fixed)), make_ends(model.ndof)
     s.q[0], s.v[0] = q, v
     pieces = np.array([0.0, *(x for x in model.breaks if 0 < x < ask.duration), ask.duration])
 
-    def run(pieces: np.ndarray) -> int:
+    def go(pieces: np.ndarray) -> int:
         if name in RUNGE_KUTTA:
             table = RUNGE_KUTTA[name]
             work = explicit.make_work(table, model.ndof, model.n_gaps)
@@ -294,9 +369,9 @@ def march(
         first, floor = limits.first, limits.floor
         return int(implicit.generalised_alpha(pack, s, out, newton, pieces, first, ask.rho, floor, ask.max_steps))
 
-    run(pieces[:1])  # compiles, or loads from the disk cache, and marches nothing: seconds are those of the march
+    go(pieces[:1])  # compiles, or loads from the disk cache, and marches nothing: seconds are those of the march
     begun = time.perf_counter()
-    code = Status(run(pieces))
+    code = Status(go(pieces))
     seconds = time.perf_counter() - begun
     counts = [int(out.counts[k]) for k in (C_STEPS, C_REJECTED, C_EVALUATIONS, C_FACTORS)]
     cost = Cost(counts[0], counts[1], counts[2], counts[3], seconds)
@@ -309,7 +384,7 @@ def march(
         status, message = verdict(residual, guard, note, math.inf if METHODS[name].adaptive else per_period)
     else:
         status = Status.DIVERGED if code == Status.OK else code
-        message = f"stopped at t = {grid[done - 1]:.6g} s" if done else ""
+        message = f"stopped at t = {grid[done - 1]:.6g} s" if done else f"stopped before t = {grid[0]:.6g} s"
     if status != Status.OK:
         message = f"{message}; {REMEDY[status]}" if message else REMEDY[status]
     signals = model.observe(out.q[:done], out.v[:done], out.f[:done], static)

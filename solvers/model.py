@@ -8,10 +8,14 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass, field
-from enum import Flag, IntEnum, auto
+from enum import Flag, auto
 from typing import Any, NamedTuple, Protocol
 
 import numpy as np
+
+from .status import REMEDY, Status
+
+__all__ = ["REMEDY", "Ask", "CannotRepresent", "Cost", "Feature", "Model", "Response", "Status"]
 
 
 class Feature(Flag):
@@ -34,39 +38,6 @@ class Feature(Flag):
     TORSION = auto()
 
 
-class Status(IntEnum):
-    """How a run ended. Only OK is trusted."""
-
-    OK = 0
-    DIVERGED = 1
-    NO_CONVERGENCE = 2
-    STEP_TOO_SMALL = 3
-    TOO_MANY_STEPS = 4
-    UNRESOLVED = 5
-    COARSE_STEP = 6
-    ENERGY_OPEN = 7
-    NO_STATIC = 8
-    CANNOT_REPRESENT = 9
-    FEW_HARMONICS = 10
-    UNSTABLE = 11
-
-
-REMEDY = {
-    Status.OK: "nothing to do",
-    Status.DIVERGED: "the state left the finite numbers: take a step below the stability limit, or an adaptive method",
-    Status.NO_CONVERGENCE: "Newton did not converge: lower the step or the tolerance, or use the explicit method",
-    Status.STEP_TOO_SMALL: "the step fell below its least value: raise the tolerance or soften the stiffest part",
-    Status.TOO_MANY_STEPS: "the step budget is spent: raise `max_steps`, the tolerance, or use a cheaper mesh",
-    Status.UNRESOLVED: "the mesh is too coarse for the waves or the boundary layer in this scene: raise `segments`",
-    Status.COARSE_STEP: "the step is too long for the shortest period that matters: lower `step`",
-    Status.ENERGY_OPEN: "the energy balance does not close: lower `tolerance` or `step`",
-    Status.NO_STATIC: "no static start was found: check weight, length and ends, or give the start's shape",
-    Status.CANNOT_REPRESENT: "choose a model that can represent the scene (`sweep models`)",
-    Status.FEW_HARMONICS: "the series is too short: raise `tolerance` or `harmonics`, or run the time domain (explicit)",
-    Status.UNSTABLE: "the periodic response exists but is unstable: run the time domain (`method: explicit`)",
-}
-
-
 class CannotRepresent(ValueError):
     """A setup error: the model or method lacks a feature that a field of the scene asks for."""
 
@@ -77,13 +48,15 @@ class Ask:
 
     duration: float = 0.0  # [s]; 0 asks for the static state alone
     model: str = "auto"
-    method: str = "auto"  # explicit (dopri5), rk2, rk4, genalpha, implicit (trbdf2)
+    method: str = "auto"  # explicit (dopri5), rk2, rk4, genalpha, implicit (trbdf2), harmonic
     segments: int | None = None  # N, over the whole cable
     accuracy: float = 0.05  # wanted relative error of the transverse response; chooses `segments` when None
     tolerance: float | None = None  # local error of an adaptive method, in the energy norm
     step: float | None = None  # of a fixed-step method [s]
     rho: float = 0.8  # generalised-alpha: spectral radius at infinity
     interval: float = 1e-3  # of the output grid [s]
+    output_from: float = 0.0  # first time on it that is kept [s]
+    harmonics: int | None = None  # of harmonic balance; None adds them until the tolerance is met
     max_steps: int = 20_000_000
     perturbation: float = 0.0  # standard deviation of random initial velocities [m/s]: error bars of chaotic responses
     seed: int = 0  # of that perturbation
@@ -98,6 +71,8 @@ class Ask:
             ("step", self.step, self.step is None or 0 < self.step < math.inf, "must be above 0 [s]"),
             ("rho", self.rho, 0 <= self.rho <= 1, "must be 0 to 1"),
             ("interval", self.interval, 0 < self.interval < math.inf, "must be above 0 [s]"),
+            ("output_from", self.output_from, 0 <= self.output_from <= self.duration, "must be 0 to the duration [s]"),
+            ("harmonics", self.harmonics, self.harmonics is None or 1 <= self.harmonics <= 200, "must be 1 to 200"),
             ("max_steps", self.max_steps, self.max_steps >= 1, "must be 1 or more"),
             ("perturbation", self.perturbation, 0 <= self.perturbation < math.inf, "must be 0 or more [m/s]"),
         ) if not ok]  # fmt: skip
@@ -132,6 +107,8 @@ class Response:
     segments: int = 0  # N as asked or chosen; rods and devices may make the mesh differ by a few
     reason: str = ""  # why this model, method and mesh
     estimated_error: float = float("nan")  # relative, of the transverse response
+    harmonics: int = 0  # of harmonic balance
+    multiplier: float = float("nan")  # size of the largest Floquet multiplier: above 1 a periodic response is unstable
 
     @property
     def trusted(self) -> bool:
@@ -159,5 +136,6 @@ class Model(Protocol):
     def settle(self, static: np.ndarray) -> None: ...  # the static state is known
     def given(self) -> tuple[np.ndarray, np.ndarray]: ...
     def observe(self, q: np.ndarray, v: np.ndarray, force: np.ndarray, static: np.ndarray) -> dict[str, np.ndarray]: ...
+    def slack(self, signals: dict[str, np.ndarray]) -> bool: ...
     def fastest(self, static: np.ndarray) -> dict[str, float]: ...
     def guards(self, static: np.ndarray) -> tuple[Status, str, float]: ...

@@ -159,6 +159,8 @@ class AskSection:
     step: Positive | None = None  # [s]
     rho: Fraction = 0.8
     interval: Positive = 1e-3  # [s]
+    output_from: NonNegative = 0.0  # [s]
+    harmonics: Annotated[int, BeforeValidator(_no_bool), Field(ge=1, le=200)] | None = None
     max_steps: Count = 20_000_000
     perturbation: NonNegative = 0.0
     seed: Whole = 0
@@ -600,6 +602,8 @@ def _check_ask(draft: Draft) -> None:
             "asks for more than ten million output times",
             "give a longer interval or a shorter duration",
         )
+    if draft.sure("ask", "output_from") and ask.output_from > ask.duration:
+        draft.add("ask.output_from", ask.output_from, f"should be at most the duration, {ask.duration:g} s")
 
 
 def _check_metrics(draft: Draft) -> None:
@@ -610,6 +614,9 @@ def _check_metrics(draft: Draft) -> None:
     timed = ask is not None and draft.sure("ask", "duration")
     windowed = draft.sure("metrics", "window")
     window = metrics.window if windowed else None
+    if timed and window and draft.sure("ask", "output_from") and window[0] < ask.output_from * (1 - 1e-12):
+        where = f"begins before `ask.output_from`, {ask.output_from:g} s"
+        draft.add("metrics.window", list(window), where, "give a later window or an earlier `output_from`")
     if timed and window and window[1] > ask.duration * (1 + 1e-12):
         draft.add("metrics.window[1]", window[1], f"should be at most the duration, {ask.duration:g} s")
     if draft.sure("metrics", "pulse_end") and metrics.pulse_end > 0 and windowed and (window or timed):

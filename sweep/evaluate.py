@@ -217,6 +217,8 @@ def _evaluate(point: Point) -> tuple[Record, Response]:
         energy_residual=float(response.energy_residual),
         nodes_per_wave=float(response.nodes_per_wave),
         steps_per_period=float(response.steps_per_period),
+        harmonics=int(response.harmonics),
+        multiplier=float(response.multiplier),
         steps=int(response.cost.steps),
         evaluations=int(response.cost.evaluations),
         seconds=float(response.cost.seconds),

@@ -26,7 +26,9 @@ from .config import METRICS, Metric, MetricSettings
 
 NAN = float("nan")
 LOSSES = ("device", "water", "cable", "seabed")
-FINISHED = frozenset({Status.OK, Status.UNRESOLVED, Status.COARSE_STEP, Status.ENERGY_OPEN})
+FINISHED = frozenset(
+    {Status.OK, Status.UNRESOLVED, Status.COARSE_STEP, Status.ENERGY_OPEN, Status.FEW_HARMONICS, Status.UNSTABLE}
+)
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -35,6 +35,8 @@ class Record:
     energy_residual: float = float("nan")
     nodes_per_wave: float = float("nan")
     steps_per_period: float = float("nan")
+    harmonics: int = 0  # of harmonic balance
+    multiplier: float = float("nan")  # size of the largest Floquet multiplier
     steps: int = 0
     evaluations: int = 0
     seconds: float = 0.0

@@ -30,7 +30,7 @@ from .space import designs
 
 SYNC_ROWS = 20
 SYNC_SECONDS = 1.0
-UNTRUSTED = frozenset({"UNRESOLVED", "COARSE_STEP", "ENERGY_OPEN"})  # metrics without trust
+UNTRUSTED = frozenset({"UNRESOLVED", "COARSE_STEP", "ENERGY_OPEN", "FEW_HARMONICS", "UNSTABLE"})  # metrics, no trust
 
 log = logging.getLogger(__name__)
 

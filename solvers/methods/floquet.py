@@ -6,8 +6,8 @@ exists but does not last. +1 is a fold, -1 a period doubling, a complex pair a N
 modulated response of a nonlinear energy sink.
 
 The map is applied, not formed: a period of an L-stable Runge-Kutta method of order 3 (Alexander 1977) on the banded
-tangent, factored once for each stage; Arnoldi's method then finds the largest multipliers. L-stability damps axial modes
-that no step resolves, which cannot be told from ones that are truly damped: they are not what makes a response unstable.
+tangent, factored once for each stage; Arnoldi's method then finds the largest multipliers. L-stability damps axial
+modes that no step resolves as if they were truly damped: they are not what makes a response unstable.
 """
 
 from __future__ import annotations

@@ -326,6 +326,12 @@ class Balance:
         self.share = 1.0
         self.brake = 0.0  # added damping weight * omega * brake of the Jacobian alone: quadratic drag has none at rest
 
+    def move(self, pack: Any, omega: float) -> None:
+        """Another line of the same build, or another frequency."""
+        self.pack, self.omega = pack, float(omega)
+        self.pad = 1e-9 * self.omega**2 * pack.weight
+        self.swing = targets(pack, self.omega, self.many)
+
     def resample(self, samples: int) -> None:
         """Take the residual at another number of times."""
         self.samples = samples
@@ -369,7 +375,7 @@ class Balance:
         Cf[:, bw, 0] += 2 * self.brake * omega * self.pack.weight
         b = self.blocks
         args = (b.block, b.first, b.size, b.D, b.L, b.U, self.pad, b.buffer)
-        if not place_blocks(Kf, Cf, Mf, omega, bw, self.held, *args):  # a contact couples dofs that did not touch at rest
+        if not place_blocks(Kf, Cf, Mf, omega, bw, self.held, *args):  # dofs touch that did not touch at rest
             self.blocks = b = Blocks(np.minimum(np.arange(self.ndof) + bw, self.ndof - 1), self.nh)
             args = (b.block, b.first, b.size, b.D, b.L, b.U, self.pad, b.buffer)
             place_blocks(Kf, Cf, Mf, omega, bw, self.held, *args)
@@ -612,7 +618,12 @@ def _rows(J: np.ndarray, bw: int, x: np.ndarray, rows: np.ndarray) -> np.ndarray
 
 
 def periodic(
-    pack: Any, omega: float, rest: np.ndarray, tolerance: float, harmonics: int | None = None, start: Orbit | None = None
+    pack: Any,
+    omega: float,
+    rest: np.ndarray,
+    tolerance: float,
+    harmonics: int | None = None,
+    start: Orbit | None = None,
 ) -> Orbit:
     """The periodic response of a line whose motion has the angular frequency omega.
 

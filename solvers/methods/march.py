@@ -18,6 +18,7 @@ from ..dispatch import GRAVITY, KINETIC, N_ENERGIES, STRAIN, WATER, energies
 # columns of the recorded ledger
 L_KINETIC, L_STRAIN, L_GRAVITY, L_WORK, L_LOST = 0, 1, 2, 3, 4  # then cable, device, seabed, rotation
 N_LEDGER = 9
+LEDGER = ("kinetic", "strain", "gravity", "work", "lost_water", "lost_cable", "lost_device", "lost_seabed", "rotation")
 # counters
 C_STEPS, C_REJECTED, C_EVALUATIONS, C_FACTORS, N_COUNTS = 0, 1, 2, 3, 4
 

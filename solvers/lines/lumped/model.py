@@ -265,6 +265,11 @@ class LumpedModel:
             "curvature": curvature, "end_force": ends, "stroke": self._strokes(q),
         }  # fmt: skip
 
+    def slack(self, signals: dict[str, np.ndarray]) -> bool:
+        """Whether a segment that carries no compression goes slack."""
+        limp = ~self.pack.push[: self.segments]
+        return bool(limp.any() and (signals["tension"][:, limp] <= 0).any())
+
     def _sampled(self) -> Sampled:
         p = self.pack
         soft = np.diff(self.mesh.s) * ~self.mesh.rod / 2

@@ -1,0 +1,150 @@
+"""A scene under harmonic balance: has it a period, why not, and what its settled response shows over time."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import replace
+from fractions import Fraction
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from . import scene as sc
+from .compile import kernel
+from .dispatch import GRAVITY, KINETIC, N_ENERGIES, STRAIN, WATER, energies
+from .methods import harmonic
+from .methods.harmonic import Orbit
+from .methods.march import L_LOST, L_WORK, N_LEDGER
+
+MOST_HARMONIC = 12  # largest ratio of a motion's frequencies to their common one
+LEDGER_SAMPLES = 256  # of a period at least
+
+
+def period(scene: sc.Scene) -> tuple[float, str]:
+    """Period of a scene's motion once its ramps are over [s], or NaN and the reason why it has none."""
+    frequencies = []
+    for name, end in (("end_a", scene.end_a), ("end_b", scene.end_b)):
+        motion = end.motion
+        if motion is None:
+            continue
+        if motion.stochastic is not None or motion.table is not None:
+            kind = "stochastic" if motion.stochastic is not None else "table"
+            return math.nan, f"{name}.motion.{kind} is transient motion"
+        if motion.window is not None and motion.window.stop is not None:
+            return math.nan, f"{name}.motion.window stops at {motion.window.stop:g} s: transient motion"
+        frequencies += [h.frequency for h in motion.harmonics]
+    if not frequencies:
+        return math.nan, "nothing moves: no period"
+    least = min(frequencies)
+    ratios = [Fraction(f / least).limit_denominator(MOST_HARMONIC) for f in frequencies]
+    common = math.lcm(*(r.denominator for r in ratios))
+    if any(abs(float(r) * least / f - 1) > 1e-6 for r, f in zip(ratios, frequencies, strict=True)):
+        return math.nan, f"the motion's frequencies {sorted(frequencies)} Hz have no common period"
+    if max(float(r) * common for r in ratios) > MOST_HARMONIC:
+        return math.nan, f"the common period of {sorted(frequencies)} Hz is more than {MOST_HARMONIC} of the shortest"
+    return common / least, ""
+
+
+def why_not(scene: sc.Scene) -> str:
+    """Why harmonic balance cannot serve a scene; "" where it can."""
+    reason = period(scene)[1]
+    if reason:
+        return reason
+    if scene.start.kind != "static":
+        return f"start.kind: {scene.start.kind} begins a transient; a settled response has no start"
+    for d, device in enumerate(scene.devices):
+        if isinstance(device, sc.BNES) and device.law == "cords" and (device.phi0 > 0 or device.kind == "bnes_free"):
+            return (
+                f"devices[{d}].law: cords in tension only leave a dead band, where a mass that touches nothing has no "
+                "unique periodic response"
+            )
+    return ""
+
+
+def ramped(scene: sc.Scene) -> float:
+    """Time at which the last ramp of the motion is over [s]."""
+    windows = [e.motion.window for e in (scene.end_a, scene.end_b) if e.motion and e.motion.window]
+    return max((w.start + w.ramp_up for w in windows), default=0.0)
+
+
+def steady(scene: sc.Scene) -> sc.Scene:
+    """The scene with its motion as it is after the ramps."""
+
+    def settled(end: sc.End) -> sc.End:
+        if end.motion is None or end.motion.window is None:
+            return end
+        return replace(end, motion=replace(end.motion, window=None))
+
+    return replace(scene, end_a=settled(scene.end_a), end_b=settled(scene.end_b))
+
+
+class Shown(NamedTuple):
+    """A settled response on an output grid."""
+
+    q: np.ndarray  # (nt, ndof)
+    v: np.ndarray
+    force: np.ndarray  # (nt, nfixed)
+    ledger: np.ndarray  # (nt, N_LEDGER), columns of `march`
+    residual: float  # energy residual
+
+
+@kernel
+def sample_energies(phase, omega, q, v, a, pack, e):
+    for k in range(len(phase)):
+        energies(phase[k] / omega, q[k], v[k], a[k], pack, e[k])
+
+
+def show(pack: Any, orbit: Orbit, t: np.ndarray, floor: float) -> Shown:
+    """States, end forces and energy ledger of a periodic response at the times t [s].
+
+    The ledger runs over one period: E(t) - E(0) = work - lost + rotation, powers integrated term by term of their own
+    Fourier series. Its gap, against the peak energy, is what the left out harmonics do: they are not forced to zero by
+    the balance, which sees whole periods only.
+    """
+    n = max(LEDGER_SAMPLES, 16 * orbit.harmonics)
+    phase = 2 * math.pi * np.arange(n) / n
+    e, power = _energies(pack, orbit, phase)
+    kept = harmonic.series(n // 2 - 1, n).project @ np.column_stack([power, e])
+    columns = power.shape[1]
+    mean = kept[0, :columns] / math.sqrt(2)
+    total = e.sum(axis=1)
+    made = _grown(kept[:, :columns], phase, orbit.omega)  # work, losses, rotation since t = 0
+    gap = total - total[0] - made[:, 0] + made[:, 1:-1].sum(axis=1) - made[:, -1]
+    peak = max(float(e[:, 0].max()), float(np.abs(total - total[0]).max()), floor)
+    drift = abs(float(mean[0] - mean[1:-1].sum() + mean[-1])) * 2 * math.pi / orbit.omega
+    residual = max(float(np.abs(gap).max()), drift) / peak
+    at = orbit.omega * t
+    q, v, a = orbit.at(at)
+    r = np.zeros_like(q)
+    harmonic.sample_residual(at, orbit.omega, q, v, a, pack, r)
+    ledger = np.zeros((len(t), N_LEDGER))
+    energy = np.zeros((len(t), N_ENERGIES))
+    sample_energies(at, orbit.omega, q, v, a, pack, energy)
+    ledger[:, :L_WORK] = energy[:, [KINETIC, STRAIN, GRAVITY]]
+    ledger[:, L_WORK:] = _grown(kept[:, :columns], at, orbit.omega)
+    return Shown(q, v, np.ascontiguousarray(r[:, pack.fixed]), ledger, residual)
+
+
+def _energies(pack: Any, orbit: Orbit, phase: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Kinetic, strain and gravity energy, and the powers: work, then the losses and rotation, at phases."""
+    q, v, a = orbit.at(phase)
+    r, e = np.zeros_like(q), np.zeros((len(phase), N_ENERGIES))
+    harmonic.sample_residual(phase, orbit.omega, q, v, a, pack, r)
+    sample_energies(phase, orbit.omega, q, v, a, pack, e)
+    work = (r[:, pack.fixed] * v[:, pack.fixed]).sum(axis=1)
+    return e[:, [KINETIC, STRAIN, GRAVITY]], np.column_stack([work, e[:, WATER:]])
+
+
+def _grown(kept: np.ndarray, phase: np.ndarray, omega: float) -> np.ndarray:
+    """Integral from 0 of a Fourier series (2H + 1, columns), at phases."""
+    h = np.arange(1, len(kept) // 2 + 1)
+    cosine, sine = kept[1::2] / h[:, None], kept[2::2] / h[:, None]
+    out = np.outer(phase, kept[0] / math.sqrt(2))
+    # few harmonics matter; a grid of many times is taken in pieces so that the tables stay small
+    for k in range(0, len(phase), 512):
+        angle = np.outer(phase[k : k + 512], h)
+        out[k : k + 512] += np.sin(angle) @ cosine + (1 - np.cos(angle)) @ sine
+    return out / omega
+
+
+assert L_LOST == L_WORK + 1
