@@ -65,7 +65,7 @@ def settled(run: Response) -> tuple[np.ndarray, np.ndarray]:
 
 def march(scene: Scene, segments: int, model: str) -> Response:
     duration = RAMP + 5 * PERIOD
-    return solve(scene, Ask(duration=duration, segments=segments, interval=0.1, model=model, method="dopri5"))
+    return solve(scene, Ask(accuracy=0.99, duration=duration, segments=segments, interval=0.1, model=model, method="dopri5"))
 
 
 def compare(run: Response, best: Response) -> tuple[float, float]:

@@ -247,6 +247,15 @@ def run(scene: sc.Scene, ask: Ask, choice: Choice) -> Response:
         raise CannotRepresent(
             f"{choice.method} needs the verbs {', '.join(missing)}, which {choice.model} lacks"
         )
+    if ask.duration > 0 and F.MOTION in needs(scene):
+        small = model.range_error()
+        if not small <= ask.accuracy:
+            able = ", ".join(name for name, line in MODELS.items() if F.LARGE_MOTION in line.features)
+            raise CannotRepresent(
+                f"{choice.model} is for small motion: that of the ends makes an estimated error of {small:.2g} of the "
+                f"tension's range, above `accuracy` {ask.accuracy:g}; models that can: {able}"
+            )
+        choice = choice._replace(error=float(np.nanmax([choice.error, small])))
     common: dict[str, Any] = {
         "model": choice.model, "method": choice.method, "segments": choice.segments, "reason": choice.reason,
         "estimated_error": choice.error,
@@ -292,6 +301,9 @@ def settle(model: Any, ask: Ask, static: np.ndarray, common: dict[str, Any]) -> 
     guard, note, nodes = model.guards(static)
     status, message = verdict(shown.residual, guard, note, math.inf)
     signals = model.observe(shown.q, shown.v, shown.force, static)
+    valid, why = model.validity(signals)
+    if valid != Status.OK:
+        status, message = valid, why
     if status == Status.OK and not known.stable:
         status = Status.UNSTABLE
         message = f"Floquet multiplier of size {known.largest:.4g} ({known.kind})"
@@ -388,6 +400,9 @@ def march(
     if status != Status.OK:
         message = f"{message}; {REMEDY[status]}" if message else REMEDY[status]
     signals = model.observe(out.q[:done], out.v[:done], out.f[:done], static)
+    valid, why = model.validity(signals)
+    if valid != Status.OK:
+        status, message = valid, f"{why}; {REMEDY[valid]}"
     zero = _static_energy(model, static)
     signals |= {what: out.ledger[:done, k] - zero.get(what, 0.0) for k, what in enumerate(LEDGER)}
     return Response(

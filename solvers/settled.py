@@ -14,7 +14,7 @@ from .compile import kernel
 from .dispatch import GRAVITY, KINETIC, N_ENERGIES, STRAIN, WATER, energies
 from .methods import harmonic
 from .methods.harmonic import Orbit
-from .methods.march import L_LOST, L_WORK, N_LEDGER
+from .methods.march import L_WORK, N_LEDGER
 
 MOST_HARMONIC = 12  # largest ratio of a motion's frequencies to their common one
 LEDGER_SAMPLES = 256  # of a period at least
@@ -115,14 +115,27 @@ def show(pack: Any, orbit: Orbit, t: np.ndarray, floor: float) -> Shown:
     residual = max(float(np.abs(gap).max()), drift) / peak
     at = orbit.omega * t
     q, v, a = orbit.at(at)
-    r = np.zeros_like(q)
-    harmonic.sample_residual(at, orbit.omega, q, v, a, pack, r)
+    force = _end_force(pack, orbit.omega, at, q, v, a)
     ledger = np.zeros((len(t), N_LEDGER))
     energy = np.zeros((len(t), N_ENERGIES))
     sample_energies(at, orbit.omega, q, v, a, pack, energy)
     ledger[:, :L_WORK] = energy[:, [KINETIC, STRAIN, GRAVITY]]
     ledger[:, L_WORK:] = _grown(kept[:, :columns], at, orbit.omega)
-    return Shown(q, v, np.ascontiguousarray(r[:, pack.fixed]), ledger, residual)
+    return Shown(q, v, force, ledger, residual)
+
+
+def states(pack: Any, orbit: Orbit, phase: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """q, q' (n, ndof) and the force at the prescribed dofs (n, nfixed) at phases w t."""
+    q, v, a = orbit.at(phase)
+    return q, v, _end_force(pack, orbit.omega, phase, q, v, a)
+
+
+def _end_force(
+    pack: Any, omega: float, phase: np.ndarray, q: np.ndarray, v: np.ndarray, a: np.ndarray
+) -> np.ndarray:
+    r = np.zeros_like(q)
+    harmonic.sample_residual(phase, omega, q, v, a, pack, r)
+    return np.ascontiguousarray(r[:, pack.fixed])
 
 
 def _energies(pack: Any, orbit: Orbit, phase: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
@@ -146,5 +159,3 @@ def _grown(kept: np.ndarray, phase: np.ndarray, omega: float) -> np.ndarray:
         out[k : k + 512] += np.sin(angle) @ cosine + (1 - np.cos(angle)) @ sine
     return out / omega
 
-
-assert L_LOST == L_WORK + 1

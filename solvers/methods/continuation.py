@@ -1,7 +1,7 @@
 """Pseudo-arclength continuation of periodic responses (Keller 1977), through turning points, with folds located.
 
 Unknowns (X, p): p is the frequency, the amplitude or any field of a scene. A caller gives `problem(p)`, which is
-(pack, omega); nothing here knows what p means. A step goes along the tangent (dX, dp) of unit length in the scaled product
+(pack, omega); nothing here knows what p means. A step goes along the tangent (dX, dp) of unit length in the product
 <X, X>/size^2 + p^2/scale^2, then Newton on the balance and on the plane normal to the step, by block elimination:
 two solutions with one factored Jacobian, so that a step costs what one at fixed p does.
 """
@@ -192,7 +192,7 @@ def trace(
     def put(X: np.ndarray, p: float, slope: float, fold: bool = False) -> Orbit:
         balance = curve.at(p)
         balance.factor(X)
-        tail, unseen, _ = left_out(balance, X)
+        tail, unseen, _, _ = left_out(balance, X)
         orbit = Orbit(Status.OK, "", balance.omega, X.copy(), tail, unseen, curve.work)
         known = stability(balance.pack, orbit) if with_stability else None
         points.append(Point(p, orbit, slope, fold, known))

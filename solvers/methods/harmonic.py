@@ -33,6 +33,7 @@ MOST_ITERATIONS = 40
 LEAST_DAMPING = 1e-3
 BRAKES = (3.0, 1.0)  # damping added to the Jacobian in the first steps from rest, in units of inertia times omega
 LEAST_SHARE = 1e-3  # of the amplitude: smallest step of the continuation from rest
+MOST_SAMPLES = 4096  # of a period
 MOST_FALLS = 25  # failed steps of that continuation
 MOST_FALLBACK = 20_000  # unknowns up to which Levenberg-Marquardt is tried
 
@@ -546,9 +547,9 @@ def levenberg_marquardt(balance: Balance, X: np.ndarray, most: int = 60) -> tupl
     return False, X
 
 
-def left_out(balance: Balance, X: np.ndarray) -> tuple[float, float, np.ndarray]:
+def left_out(balance: Balance, X: np.ndarray) -> tuple[float, float, np.ndarray, float]:
     """Error of what the series leaves out: (missing motion, relative; force left over at unseen times, relative; the
-    series with the missing harmonics added as far as they are known).
+    series with the missing harmonics added as far as they are known; the part of the first that is aliasing).
 
     The residual is taken at twice as many times, none of them used before. Its harmonics up to H (aliasing) are
     answered by the last Jacobian, those up to 2 H + 2 by the mean K, C, M; the sum of the answers, and the end forces
@@ -566,6 +567,7 @@ def left_out(balance: Balance, X: np.ndarray) -> tuple[float, float, np.ndarray]
     aliased = R[:, : balance.nh].copy()
     aliased[fixed] = 0.0
     missing = np.abs(balance.solve(aliased)).max(axis=1)
+    alias = float(missing.max()) / max(float(swing.max()), 1e-300)
     mean = [x.mean(axis=0) for x in balance.band]
     ends = np.zeros(len(fixed))
     more = padded(X, 2 * H + 2)
@@ -586,7 +588,7 @@ def left_out(balance: Balance, X: np.ndarray) -> tuple[float, float, np.ndarray]
     inertia = np.zeros_like(r)
     sample_residual(dense.phase, omega, q, v, np.zeros_like(a), pack, inertia)
     scale = max(scale, float(np.abs(inertia - inertia.mean(axis=0)).max()), 1e-300)
-    return motion, float(np.abs(r[:, free]).max(initial=0.0)) / scale, more
+    return motion, float(np.abs(r[:, free]).max(initial=0.0)) / scale, more, alias
 
 
 def _swing(x: np.ndarray) -> np.ndarray:
@@ -666,7 +668,13 @@ def periodic(
         if not converged:
             note = f"no convergence with {H} harmonics; {found.harmonics} leave an estimated error of {found.tail:.1e}"
             return Orbit(Status.FEW_HARMONICS, note, omega, found.X, found.tail, found.unseen, work)
-        tail, unseen, more = left_out(balance, X)
+        tail, unseen, more, aliased = left_out(balance, X)
+        while aliased > 0.1 * tolerance and balance.samples < MOST_SAMPLES:
+            balance.resample(2 * balance.samples)
+            converged, X = newton(balance, X)
+            if not converged:
+                break
+            tail, unseen, more, aliased = left_out(balance, X)
         found = Orbit(Status.OK, "", omega, X, tail, unseen, work)
         if tail <= tolerance and harmonics is None:
             break

@@ -255,6 +255,10 @@ class LocalModel:
             found -= K[end, inner] @ solve_banded((p.bw, p.bw), band, K[inner, end].copy())
         return into.T @ found @ into
 
+    def slack(self, signals: dict[str, np.ndarray]) -> bool:
+        """Whether a section that carries no compression goes slack."""
+        return self.validity(signals)[0] != Status.OK
+
     def range_error(self) -> float:
         """Estimated relative error of small motion in the scene's motion: the largest difference between the tension at
         end B of the elastic catenary (S1 on the same mesh) and this line's linear one, with its ends displaced to the
@@ -295,5 +299,6 @@ def refuse(scene: sc.Scene) -> None:
 
 
 def build(scene: sc.Scene, segments: int) -> Any:
-    """A LocalModel of the scene, with the equations as the papers have them."""
-    return LocalModel(scene, segments)
+    """A LocalModel of the scene, with the factors (1 + es): as the amplitude falls it becomes the lumped line exactly,
+    where the printed equations keep an error of the order of es."""
+    return LocalModel(scene, segments, stretched=True)

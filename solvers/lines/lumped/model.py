@@ -270,6 +270,14 @@ class LumpedModel:
         limp = ~self.pack.push[: self.segments]
         return bool(limp.any() and (signals["tension"][:, limp] <= 0).any())
 
+    def validity(self, signals: dict[str, np.ndarray]) -> tuple[Status, str]:
+        """Nothing that a run does leaves this line's range."""
+        return Status.OK, ""
+
+    def range_error(self) -> float:
+        """Estimated relative error of the line's kinematics: exact here."""
+        return 0.0
+
     def _sampled(self) -> Sampled:
         p = self.pack
         soft = np.diff(self.mesh.s) * ~self.mesh.rod / 2
