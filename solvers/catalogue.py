@@ -180,7 +180,7 @@ def cheapest(scene: sc.Scene, ask: Ask) -> Choice:
             method, how = "harmonic", "the motion is periodic: its settled response, without the way there"
         why = f"{how}; {why}"
     if method == "harmonic":
-        reason = settled.why_not(scene)
+        reason = settled.why_not(scene, ask.harmonics)
         if reason:
             raise CannotRepresent(f"harmonic: {reason}; methods that can: {', '.join(MARCHES)}")
     if METHODS[method].adaptive is False and ask.step is None and ask.duration > 0:
@@ -198,11 +198,11 @@ def marching(scene: sc.Scene, ask: Ask, segments: int) -> tuple[str, str]:
 
 
 def can_settle(scene: sc.Scene, ask: Ask) -> bool:
-    """Whether `auto` takes harmonic balance: a periodic motion whose ramps, if it has any, are over before the output
-    begins; no seabed, on which its convergence is erratic."""
-    if ask.duration <= 0 or ask.step is not None or scene.seabed or settled.why_not(scene):
+    """Whether `auto` takes harmonic balance: a run of at least one period of a periodic motion whose ramps, if it has
+    any, are over before the output begins; no seabed, on which its convergence is erratic."""
+    if ask.duration <= 0 or ask.step is not None or scene.seabed or settled.why_not(scene, ask.harmonics):
         return False
-    return settled.ramped(scene) <= ask.output_from
+    return settled.ramped(scene) <= ask.output_from and settled.period(scene)[0] <= ask.duration * (1 + 1e-9)
 
 
 def static_state(model: Any) -> tuple[Status, np.ndarray, str]:
@@ -292,7 +292,9 @@ def settle(model: Any, ask: Ask, static: np.ndarray, common: dict[str, Any]) -> 
     work = orbit.work
     if orbit.status not in (Status.OK, Status.FEW_HARMONICS):
         cost = Cost(work.iterations, 0, work.evaluations, work.factorisations, time.perf_counter() - begun)
-        message = f"{orbit.message}; {REMEDY[orbit.status]}"
+        q, v, force = settled.states(pack, orbit, harmonic.series(1, 64).phase)
+        slack = "the line goes slack in what was found; " if model.slack(model.observe(q, v, force, static)) else ""
+        message = f"{orbit.message}; {slack}run the time domain (`method: explicit`)"
         return Response(status=orbit.status, message=message, cost=cost, **common)
     known = floquet.stability(pack, orbit)
     t = output_grid(ask)

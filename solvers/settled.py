@@ -45,11 +45,15 @@ def period(scene: sc.Scene) -> tuple[float, str]:
     return common / least, ""
 
 
-def why_not(scene: sc.Scene) -> str:
-    """Why harmonic balance cannot serve a scene; "" where it can."""
-    reason = period(scene)[1]
+def why_not(scene: sc.Scene, harmonics: int | None = None) -> str:
+    """Why harmonic balance, with so many harmonics, cannot serve a scene; "" where it can."""
+    length, reason = period(scene)
     if reason:
         return reason
+    motions = [end.motion for end in (scene.end_a, scene.end_b) if end.motion]
+    top = round(length * max(h.frequency for motion in motions for h in motion.harmonics))
+    if harmonics is not None and harmonics < top:
+        return f"harmonics: {harmonics}, but the motion's highest frequency is {top} times the common one"
     if scene.start.kind != "static":
         return f"start.kind: {scene.start.kind} begins a transient; a settled response has no start"
     for d, device in enumerate(scene.devices):

@@ -122,7 +122,8 @@ def run_trusted(scene: Scene, ask: Ask) -> Run:
     """
     first = _solve(scene, ask)
     used = _tolerance(first, ask)
-    if first.status not in RETRIED or not used > 0:
+    hopeless = first.method == "harmonic" and first.status == Status.NO_CONVERGENCE  # a tolerance does not help Newton
+    if first.status not in RETRIED or hopeless or not used > 0:
         return Run(first, used, 0.0)
     second = _solve(scene, replace(ask, tolerance=used / 10))
     if second.status in FINISHED or first.status not in FINISHED:

@@ -128,7 +128,10 @@ def point_key(scene: Scene, ask: Ask, settings: MetricSettings | None = None) ->
     -------
     16 hexadecimal digits
     """
-    parts = {"scene": dump(scene), "ask": asdict(ask)}
+    asked = asdict(ask)
+    if not ask.output_from:  # younger than the first keys, which did not have it
+        del asked["output_from"]
+    parts = {"scene": dump(scene), "ask": asked}
     if settings is not None:
         chosen = asdict(settings)
         if not settings.repeats:

@@ -34,7 +34,7 @@ LEAST_DAMPING = 1e-3
 BRAKES = (3.0, 1.0)  # damping added to the Jacobian in the first steps from rest, in units of inertia times omega
 LEAST_SHARE = 1e-3  # of the amplitude: smallest step of the continuation from rest
 MOST_SAMPLES = 4096  # of a period
-MOST_FALLS = 25  # failed steps of that continuation
+MOST_FALLS = 10  # failed steps of that continuation
 MOST_FALLBACK = 20_000  # unknowns up to which Levenberg-Marquardt is tried
 
 
@@ -510,7 +510,7 @@ def grown(balance: Balance, X: np.ndarray) -> tuple[bool, np.ndarray]:
     return share >= 1.0, X
 
 
-def levenberg_marquardt(balance: Balance, X: np.ndarray, most: int = 60) -> tuple[bool, np.ndarray]:
+def levenberg_marquardt(balance: Balance, X: np.ndarray, most: int = 25) -> tuple[bool, np.ndarray]:
     """The fallback of paper 000: least |R|^2 with a growing trust; rows scaled by the Jacobian's at the start.
 
     (J'J + mu D) dX = -J'R as one sparse system [[I, J], [J', -mu D]], which does not square J's condition.
@@ -635,10 +635,13 @@ def periodic(
         State about which the motion is sought: the static one.
     tolerance : float
         Largest estimated error of motion and end force, relative to their swing.
-    harmonics : int, optional
+    harmonics : int, optional, at least the highest in the motion
         As many and no more; by default they grow along `LADDER` until the estimate is below `tolerance`.
     start : Orbit, optional
         A neighbour's response to start from instead of rest.
+
+    Where several responses exist, as above a fold, this is the one that Newton reaches from there;
+    `continuation.trace` follows them all. The status is OK, FEW_HARMONICS (with the last response) or NO_CONVERGENCE.
     """
     work, reach = Work(), reach_of(pack, rest)
     top = _top_harmonic(pack, omega)
@@ -656,30 +659,33 @@ def periodic(
     found = Orbit(Status.NO_CONVERGENCE, "", omega, X, work=work)
     for tries, H in enumerate(ladder):
         balance = Balance(pack, omega, H, max(8 * H, 32), reach, work)
-        converged, X = newton(balance, padded(X, H)) if tries or start is not None else from_rest(balance, X)
-        if not converged and found.status != Status.OK:
-            rest_X = padded(math.sqrt(2) * rest[:, None], H)
-            converged, X = from_rest(balance, rest_X)
-            if not converged and tries >= 1:
-                note = f"no periodic response found from rest with up to {H} harmonics"
-                return Orbit(Status.NO_CONVERGENCE, note, omega, X, work=work)
-            if not converged:
-                continue
+        lost = found.status != Status.OK
+        converged = False
+        if tries or start is not None:
+            converged, X = newton(balance, padded(X, H))
+        if not converged and lost:
+            converged, X = from_rest(balance, padded(math.sqrt(2) * rest[:, None], H))
+        if not converged and lost and tries + 1 < min(2, len(ladder)):
+            continue
+        if not converged and lost:
+            note = f"no periodic response found from rest with up to {H} harmonics"
+            return Orbit(Status.NO_CONVERGENCE, note, omega, X, work=work)
         if not converged:
             note = f"no convergence with {H} harmonics; {found.harmonics} leave an estimated error of {found.tail:.1e}"
             return Orbit(Status.FEW_HARMONICS, note, omega, found.X, found.tail, found.unseen, work)
         tail, unseen, more, aliased = left_out(balance, X)
         while aliased > 0.1 * tolerance and balance.samples < MOST_SAMPLES:
             balance.resample(2 * balance.samples)
-            converged, X = newton(balance, X)
+            converged, finer = newton(balance, X)
             if not converged:
                 break
+            X = finer
             tail, unseen, more, aliased = left_out(balance, X)
         found = Orbit(Status.OK, "", omega, X, tail, unseen, work)
         if tail <= tolerance and harmonics is None:
             break
         X = more
-    if found.status == Status.OK and not found.tail <= tolerance:
+    if not found.tail <= tolerance:
         note = f"{found.harmonics} harmonics leave an estimated error of {found.tail:.1e} above {tolerance:g}"
         return Orbit(Status.FEW_HARMONICS, note, omega, found.X, found.tail, found.unseen, work)
     return found
