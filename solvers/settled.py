@@ -108,7 +108,7 @@ def show(pack: Any, orbit: Orbit, t: np.ndarray, floor: float) -> Shown:
     n = max(LEDGER_SAMPLES, 16 * orbit.harmonics)
     phase = 2 * math.pi * np.arange(n) / n
     e, power = _energies(pack, orbit, phase)
-    kept = harmonic.series(n // 2 - 1, n).project @ np.column_stack([power, e])
+    kept = harmonic.series(4 * orbit.harmonics + 8, n).project @ np.column_stack([power, e])
     columns = power.shape[1]
     mean = kept[0, :columns] / math.sqrt(2)
     total = e.sum(axis=1)
