@@ -13,15 +13,17 @@ there in the units of the solution, as it does for the harmonics that the series
 
 from __future__ import annotations
 
+import functools
 import math
 from dataclasses import dataclass, field
 from typing import Any, NamedTuple
 
 import numpy as np
-from scipy.linalg import get_blas_funcs, get_lapack_funcs, solve_banded
+from scipy.linalg import get_blas_funcs, get_lapack_funcs
 from scipy.sparse import bmat, csc_matrix, diags, identity
 from scipy.sparse.linalg import splu
 
+from .. import banded
 from ..compile import kernel
 from ..dispatch import call_tangent, drive, residual, tangent
 from ..model import Status
@@ -29,10 +31,15 @@ from ..model import Status
 LADDER = (3, 5, 8, 12, 16, 22, 30, 40)  # harmonics tried in turn
 NEWTON = 1e-9  # a Newton step this small, relative to the motion, ends the iteration
 CHORD = 0.1  # a step that shrinks by this factor under an old Jacobian keeps it
+CARRIED = 5e-7  # the same under a neighbour's Jacobian with Broyden's updates: a thousandth of the usual tolerance
+PACE = 0.5  # a step that shrinks less than by this under it asks for a Jacobian of its own
+MOST_CARRIED = 15
 MOST_ITERATIONS = 40
 LEAST_DAMPING = 1e-3
 BRAKES = (3.0, 1.0)  # damping added to the Jacobian in the first steps from rest, in units of inertia times omega
 LEAST_SHARE = 1e-3  # of the amplitude: smallest step of the continuation from rest
+SMALL = 64  # rows of a block up to which its solution is compiled here, not LAPACK's
+FEWEST = 12  # times of a period that a mean tangent needs
 MOST_SAMPLES = 4096  # of a period
 MOST_FALLS = 10  # failed steps of that continuation
 MOST_FALLBACK = 20_000  # unknowns up to which Levenberg-Marquardt is tried
@@ -64,8 +71,9 @@ def terms(harmonics: int, phase: np.ndarray) -> tuple[np.ndarray, np.ndarray, np
     return out[0], out[1], out[2]
 
 
+@functools.lru_cache(maxsize=64)
 def series(harmonics: int, samples: int, shift: float = 0.0) -> Series:
-    """Equidistant samples, the first at `shift` of a sampling interval."""
+    """Equidistant samples, the first at `shift` of a sampling interval. Kept: not to be written to."""
     phase = 2 * math.pi * (np.arange(samples) + shift) / samples
     value, rate, bend = terms(harmonics, phase)
     return Series(phase, value, rate, bend, 2 / samples * np.ascontiguousarray(value.T))
@@ -180,6 +188,68 @@ def place_blocks(K, C, M, omega, bw, held, block, first, size, D, L, U, pad, buf
     return True
 
 
+@kernel
+def sweep_blocks(D, L, U, size, start, pivots, buffer, x):
+    """Solve with the factored blocks in place, one right-hand side: LAPACK's calls would cost more than their work."""
+    last = len(size) - 1
+    for k in range(last + 1):
+        m, at = size[k], start[k]
+        if k > 0:
+            before = start[k - 1]
+            for j in range(size[k - 1]):
+                c, column = x[before + j], L[k] + j * m
+                for i in range(m):
+                    x[at + i] -= buffer[column + i] * c
+        for i in range(m):
+            p = pivots[at + i]
+            if p != i:
+                x[at + i], x[at + p] = x[at + p], x[at + i]
+        for j in range(m):
+            c, column = x[at + j], D[k] + j * m
+            for i in range(j + 1, m):
+                x[at + i] -= buffer[column + i] * c
+        for j in range(m - 1, -1, -1):
+            column = D[k] + j * m
+            c = x[at + j] / buffer[column + j]
+            x[at + j] = c
+            for i in range(j):
+                x[at + i] -= buffer[column + i] * c
+    for k in range(last - 1, -1, -1):
+        m, at, after = size[k], start[k], start[k + 1]
+        for j in range(size[k + 1]):
+            c, column = x[after + j], U[k] + j * m
+            for i in range(m):
+                x[at + i] -= buffer[column + i] * c
+
+
+@kernel
+def answer_harmonics(K, C, M, omega, first, bw, fixed, right, J, x, ends):
+    """Answers to harmonics from `first` on by the mean K, C, M: right (harmonics, ndof) complex is overwritten; the
+    forces that the fixed dofs then take are in ends (harmonics, nfixed)."""
+    n = len(K)
+    for k in range(len(right)):
+        w = omega * (first + k)
+        for i in range(n):
+            for m in range(2 * bw + 1):
+                J[i, m] = complex(K[i, m] - w * w * M[i, m], w * C[i, m])
+            x[i] = right[k, i]
+        for f in range(len(fixed)):
+            x[fixed[f]] = 0.0
+            ends[k, f] = right[k, fixed[f]]
+        banded.hold(J, bw, fixed)
+        if not banded.factor(J, bw):
+            return False
+        banded.substitute(J, bw, x)
+        for f in range(len(fixed)):
+            i = fixed[f]
+            for j in range(max(0, i - bw), min(n - 1, i + bw) + 1):
+                m = bw + j - i
+                ends[k, f] -= complex(K[i, m] - w * w * M[i, m], w * C[i, m]) * x[j]
+        for i in range(n):
+            right[k, i] = x[i]
+    return True
+
+
 # ------------------------------------------------------------------------------------------------- blocks
 
 
@@ -214,6 +284,7 @@ class Blocks:
         self._getrf, self._getrs = get_lapack_funcs(("getrf", "getrs"), dtype=np.float64)
         (self._gemm,) = get_blas_funcs(("gemm",), dtype=np.float64)
         self._pivots: list[np.ndarray] = []
+        self._swaps = np.zeros(int(self.start[-1]), dtype=np.int64)
 
     def _view(self, at: np.ndarray, k: int, rows: int, columns: int) -> np.ndarray:
         return self.buffer[at[k] : at[k] + rows * columns].reshape(columns, rows).T
@@ -228,12 +299,17 @@ class Blocks:
             if info != 0 or not math.isfinite(d[-1, -1]):
                 return False
             self._pivots.append(pivots)
+            self._swaps[self.start[k] : self.start[k + 1]] = pivots
             if self.u[k] is not None:
                 self._getrs(d, pivots, self.u[k], overwrite_b=True)
         return True
 
     def solve(self, right: np.ndarray) -> np.ndarray:
         """Solution for right-hand sides (n,) or (n, m)."""
+        if right.ndim == 1 and self.size.max() <= SMALL:
+            x = right.copy()
+            sweep_blocks(self.D, self.L, self.U, self.size, self.start, self._swaps, self.buffer, x)
+            return x
         x = np.asfortranarray(right if right.ndim == 2 else right[:, None])
         parts = [x[self.start[k] : self.start[k + 1]] for k in range(len(self.d))]
         found: list[np.ndarray] = []
@@ -280,6 +356,10 @@ class Orbit:
     tail: float = math.nan  # missing harmonics, relative to the motion's largest, estimated
     unseen: float = math.nan  # force left over at unseen times, relative to the force that swings
     work: Work = field(default_factory=Work)
+    balance: Balance | None = field(default=None, repr=False, compare=False)  # its memory serves a neighbour again
+
+    def __getstate__(self) -> dict[str, Any]:
+        return {**self.__dict__, "balance": None}
 
     @property
     def harmonics(self) -> int:
@@ -313,7 +393,8 @@ class Balance:
         self.pack, self.omega, self.harmonics, self.samples = pack, float(omega), harmonics, samples
         self.ndof, self.nh = len(pack.weight), 2 * harmonics + 1
         self.work = Work() if work is None else work
-        self.blocks = Blocks(reach, self.nh)
+        self.reach, self.blocks = reach, Blocks(reach, self.nh)
+        self.own = self.factored = False  # are the blocks' factors those of this motion; are there any
         self.held = np.zeros(self.ndof, dtype=np.bool_)
         self.held[pack.fixed] = True
         self.pad = 1e-9 * omega**2 * pack.weight
@@ -332,6 +413,13 @@ class Balance:
         self.pack, self.omega = pack, float(omega)
         self.pad = 1e-9 * self.omega**2 * pack.weight
         self.swing = targets(pack, self.omega, self.many)
+        self.own, self.share, self.brake = False, 1.0, 0.0
+
+    def serves(self, pack: Any, harmonics: int) -> bool:
+        """Whether the factors at hand may be a neighbour's: same build, as many harmonics."""
+        mine = self.pack
+        alike = type(mine) is type(pack) and mine.bw == pack.bw and len(mine.weight) == len(pack.weight)
+        return self.factored and harmonics == self.harmonics and alike and np.array_equal(mine.fixed, pack.fixed)
 
     def resample(self, samples: int) -> None:
         """Take the residual at another number of times."""
@@ -384,7 +472,18 @@ class Balance:
     def factor(self, X: np.ndarray) -> bool:
         self.linearise(X)
         self.work.factorisations += 1
-        return self.blocks.factor()
+        self.factored = self.own = self.blocks.factor()
+        return self.factored
+
+    def mean(self, X: np.ndarray) -> list[np.ndarray]:
+        """Mean K, C, M over the period: at the last Jacobian, or where that is a neighbour's from a few times at X."""
+        if self.own:
+            return [x.mean(axis=0) for x in self.band]
+        every = max(1, len(self.few.phase) // FEWEST)
+        q, v, a = (np.ascontiguousarray(x[::every]) for x in self.states(X, self.few))
+        K, C, M = (x[: len(q)] for x in self.band)
+        sample_tangent(np.ascontiguousarray(self.few.phase[::every]), self.omega, q, v, a, self.pack, K, C, M)
+        return [x.mean(axis=0) for x in (K, C, M)]
 
     def solve(self, R: np.ndarray) -> np.ndarray:
         """dX with (dR/dX) dX = R."""
@@ -470,6 +569,31 @@ def newton(balance: Balance, X: np.ndarray, most: int = MOST_ITERATIONS) -> tupl
     return False, X
 
 
+def carried(balance: Balance, X: np.ndarray) -> tuple[bool, np.ndarray]:
+    """Broyden's method from the factored Jacobian of a neighbour, steps kept instead of a matrix (Kelley 1995, 7.3).
+
+    Returns whether the last step was below `CARRIED` of the motion, and the best X: where steps shrink too slowly, a
+    Jacobian of its own is worth its price.
+    """
+    weight = balance.pack.weight[:, None]
+    step, before, steps, norms = balance.solve(-balance.residual(X)), math.inf, [], []
+    for _ in range(MOST_CARRIED):
+        size = balance.size(step)
+        if not size < PACE * before:
+            return False, X + step if size < before else X
+        X, before = X + step, size
+        balance.work.iterations += 1
+        if size <= CARRIED * balance.motion(X):
+            return True, X
+        steps.append(step)
+        norms.append(float((weight * step * step).sum()))
+        step = balance.solve(-balance.residual(X))
+        for k in range(len(steps) - 1):
+            step = step + steps[k + 1] * (float((weight * steps[k] * step).sum()) / norms[k])
+        step = step / (1 - float((weight * steps[-1] * step).sum()) / norms[-1])
+    return False, X
+
+
 def from_rest(balance: Balance, X: np.ndarray) -> tuple[bool, np.ndarray]:
     """Newton at the whole amplitude, else continuation in the amplitude from rest, else Levenberg-Marquardt.
 
@@ -510,7 +634,7 @@ def grown(balance: Balance, X: np.ndarray) -> tuple[bool, np.ndarray]:
     return share >= 1.0, X
 
 
-def levenberg_marquardt(balance: Balance, X: np.ndarray, most: int = 25) -> tuple[bool, np.ndarray]:
+def levenberg_marquardt(balance: Balance, X: np.ndarray, most: int = 15) -> tuple[bool, np.ndarray]:
     """The fallback of paper 000: least |R|^2 with a growing trust; rows scaled by the Jacobian's at the start.
 
     (J'J + mu D) dX = -J'R as one sparse system [[I, J], [J', -mu D]], which does not square J's condition.
@@ -557,7 +681,8 @@ def left_out(balance: Balance, X: np.ndarray) -> tuple[float, float, np.ndarray,
     """
     pack, H, omega = balance.pack, balance.harmonics, balance.omega
     dense = series(2 * H + 2, 2 * max(balance.samples, 4 * H + 8), shift=0.37)
-    q, v, a = balance.states(X, Series(dense.phase, *terms(H, dense.phase), dense.project))
+    value, rate, bend = (x[:, : balance.nh] for x in (dense.value, dense.rate, dense.bend))
+    q, v, a = balance.states(X, Series(dense.phase, value, rate, bend, dense.project))
     r = np.zeros((len(dense.phase), balance.ndof))
     sample_residual(dense.phase, omega, q, v, a, pack, r)
     balance.work.evaluations += len(dense.phase)
@@ -568,55 +693,28 @@ def left_out(balance: Balance, X: np.ndarray) -> tuple[float, float, np.ndarray,
     aliased[fixed] = 0.0
     missing = np.abs(balance.solve(aliased)).max(axis=1)
     alias = float(missing.max()) / max(float(swing.max()), 1e-300)
-    mean = [x.mean(axis=0) for x in balance.band]
-    ends = np.zeros(len(fixed))
-    more = padded(X, 2 * H + 2)
-    for h in range(H + 1, 2 * H + 3):
-        w = h * omega
-        right = R[:, 2 * h - 1] - 1j * R[:, 2 * h]
-        J = mean[0] + 1j * w * mean[1] - w * w * mean[2]
-        answer = _answer(J, pack.bw, right, fixed)
-        missing += np.abs(answer)
-        more[:, 2 * h - 1], more[:, 2 * h] = -answer.real, answer.imag
-        if len(fixed):
-            ends += np.abs(right[fixed] - _rows(J, pack.bw, answer, fixed))
+    first, more = H + 1, padded(X, 2 * H + 2)
+    answer = R[:, 2 * first - 1 :: 2].T - 1j * R[:, 2 * first :: 2].T
+    ends = np.zeros((len(answer), len(fixed)), dtype=complex)
+    scratch = np.zeros((balance.ndof, 2 * pack.bw + 1), dtype=complex), np.zeros(balance.ndof, dtype=complex)
+    if not answer_harmonics(*balance.mean(X), omega, first, pack.bw, fixed, answer, *scratch, ends):
+        answer[:] = math.inf
+    missing += np.abs(answer).sum(axis=0)
+    more[:, 2 * first - 1 :: 2], more[:, 2 * first :: 2] = -answer.real.T, answer.imag.T
     motion = float(missing.max()) / max(float(swing.max()), 1e-300)
     forces = np.abs(r[:, fixed] - r[:, fixed].mean(axis=0)) if len(fixed) else np.zeros((1, 1))
     scale = float(forces.max())
     if len(fixed) and scale > 0:
-        motion = max(motion, float(ends.max()) / scale)
-    inertia = np.zeros_like(r)
-    sample_residual(dense.phase, omega, q, v, np.zeros_like(a), pack, inertia)
+        motion = max(motion, float(np.abs(ends).sum(axis=0).max()) / scale)
+    few = slice(0, len(r), 4)
+    inertia = np.zeros_like(r[few])
+    sample_residual(dense.phase[few].copy(), omega, q[few].copy(), v[few].copy(), np.zeros_like(inertia), pack, inertia)
     scale = max(scale, float(np.abs(inertia - inertia.mean(axis=0)).max()), 1e-300)
     return motion, float(np.abs(r[:, free]).max(initial=0.0)) / scale, more, alias
 
 
 def _swing(x: np.ndarray) -> np.ndarray:
     return np.ptp(x, axis=0) / 2
-
-
-def _answer(J: np.ndarray, bw: int, right: np.ndarray, fixed: np.ndarray) -> np.ndarray:
-    """Solve the banded J x = right with x = 0 at the prescribed dofs."""
-    n = len(J)
-    A, b = J.copy(), right.copy()
-    A[fixed] = 0.0
-    A[fixed, bw] = 1.0
-    b[fixed] = 0.0
-    band = np.zeros((2 * bw + 1, n), dtype=complex)
-    for m in range(2 * bw + 1):  # row-wise J[i, bw + j - i] -> LAPACK's band[bw + i - j, j]
-        k = m - bw
-        rows = np.arange(max(0, -k), min(n, n - k))
-        band[bw - k, rows + k] = A[rows, m]
-    return solve_banded((bw, bw), band, b, check_finite=False)
-
-
-def _rows(J: np.ndarray, bw: int, x: np.ndarray, rows: np.ndarray) -> np.ndarray:
-    """Rows of J x."""
-    out = np.zeros(len(rows), dtype=complex)
-    for k, i in enumerate(rows):
-        j = np.arange(max(0, i - bw), min(len(x), i + bw + 1))
-        out[k] = J[i, bw + j - i] @ x[j]
-    return out
 
 
 def periodic(
@@ -638,12 +736,13 @@ def periodic(
     harmonics : int, optional, at least the highest in the motion
         As many and no more; by default they grow along `LADDER` until the estimate is below `tolerance`.
     start : Orbit, optional
-        A neighbour's response to start from instead of rest.
+        A neighbour's response to start from instead of rest; its Jacobian is used again while steps shrink fast.
 
     Where several responses exist, as above a fold, this is the one that Newton reaches from there;
     `continuation.trace` follows them all. The status is OK, FEW_HARMONICS (with the last response) or NO_CONVERGENCE.
     """
-    work, reach = Work(), reach_of(pack, rest)
+    work, kept = Work(), None if start is None else start.balance
+    reach = reach_of(pack, rest) if kept is None or len(kept.reach) != len(rest) else kept.reach
     top = _top_harmonic(pack, omega)
     ladder = [h for h in LADDER if h >= top and (harmonics is None or h < harmonics)]
     if harmonics is not None:
@@ -658,10 +757,15 @@ def periodic(
         X[:, 0] = math.sqrt(2) * rest
     found = Orbit(Status.NO_CONVERGENCE, "", omega, X, work=work)
     for tries, H in enumerate(ladder):
-        balance = Balance(pack, omega, H, max(8 * H, 32), reach, work)
-        lost = found.status != Status.OK
-        converged = False
-        if tries or start is not None:
+        lost, converged = found.status != Status.OK, False
+        if kept is not None and kept.serves(pack, H):
+            balance, kept = kept, None
+            balance.work = work
+            balance.move(pack, omega)
+            converged, X = carried(balance, padded(X, H))
+        else:
+            balance = Balance(pack, omega, H, max(8 * H, 32), reach, work)
+        if not converged and (tries or start is not None):
             converged, X = newton(balance, padded(X, H))
         if not converged and lost:
             converged, X = from_rest(balance, padded(math.sqrt(2) * rest[:, None], H))
@@ -672,7 +776,7 @@ def periodic(
             return Orbit(Status.NO_CONVERGENCE, note, omega, X, work=work)
         if not converged:
             note = f"no convergence with {H} harmonics; {found.harmonics} leave an estimated error of {found.tail:.1e}"
-            return Orbit(Status.FEW_HARMONICS, note, omega, found.X, found.tail, found.unseen, work)
+            return Orbit(Status.FEW_HARMONICS, note, omega, found.X, found.tail, found.unseen, work, found.balance)
         tail, unseen, more, aliased = left_out(balance, X)
         while aliased > 0.1 * tolerance and balance.samples < MOST_SAMPLES:
             balance.resample(2 * balance.samples)
@@ -681,13 +785,13 @@ def periodic(
                 break
             X = finer
             tail, unseen, more, aliased = left_out(balance, X)
-        found = Orbit(Status.OK, "", omega, X, tail, unseen, work)
+        found = Orbit(Status.OK, "", omega, X, tail, unseen, work, balance)
         if tail <= tolerance and harmonics is None:
             break
         X = more
     if not found.tail <= tolerance:
         note = f"{found.harmonics} harmonics leave an estimated error of {found.tail:.1e} above {tolerance:g}"
-        return Orbit(Status.FEW_HARMONICS, note, omega, found.X, found.tail, found.unseen, work)
+        return Orbit(Status.FEW_HARMONICS, note, omega, found.X, found.tail, found.unseen, work, found.balance)
     return found
 
 
