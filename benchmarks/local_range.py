@@ -15,7 +15,6 @@ from __future__ import annotations
 import argparse
 import math
 from dataclasses import replace
-from functools import partial
 from pathlib import Path
 
 import numpy as np
@@ -64,8 +63,10 @@ def settled(run: Response) -> tuple[np.ndarray, np.ndarray]:
 
 
 def march(scene: Scene, segments: int, model: str) -> Response:
-    duration = RAMP + 5 * PERIOD
-    return solve(scene, Ask(accuracy=0.99, duration=duration, segments=segments, interval=0.1, model=model, method="dopri5"))
+    ask = Ask(
+        accuracy=0.99, duration=RAMP + 5 * PERIOD, segments=segments, interval=0.1, model=model, method="dopri5"
+    )
+    return solve(scene, ask)
 
 
 def compare(run: Response, best: Response) -> tuple[float, float]:
@@ -102,7 +103,7 @@ def main() -> None:
     parser.add_argument("--amplitudes", type=float, nargs="+", default=[0.1, 0.3, 1.0, 2.0, 3.0, 5.0, 7.0, 10.0])
     options = parser.parse_args()
     options.out.mkdir(parents=True, exist_ok=True)
-    printed = MODELS["local"]
+    default = MODELS["local"]
     rows: dict[str, list[tuple[float, ...]]] = {}
     for name, make in (("oc3_hung", hung), ("oc3_touchdown", touchdown)):
         print(f"{name}\n\n| surge, m | range, kN | tension | displacement | tension, (1 + es) | displacement, (1 + es) "
@@ -110,10 +111,10 @@ def main() -> None:
         print("|---|---|---|---|---|---|---|---|---|")
         for x in options.amplitudes:
             best = march(make(x), options.segments, "lumped")
-            run = march(make(x), options.segments, "local")
-            MODELS["local"] = printed._replace(build=partial(LocalModel, stretched=True))
             exact = march(make(x), options.segments, "local")
-            MODELS["local"] = printed
+            MODELS["local"] = default._replace(build=LocalModel)  # as printed
+            run = march(make(x), options.segments, "local")
+            MODELS["local"] = default
             errors = (*compare(run, best), *compare(exact, best))
             model = LocalModel(make(x), options.segments)
             guess, size = model.range_error(), float(np.ptp(settled(best)[0])) / 1e3
