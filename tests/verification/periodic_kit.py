@@ -121,8 +121,8 @@ def marched(scene: Scene, segments: int, periods: int, name: str = "lumped") -> 
 
 
 def both(scene: Scene, segments: int, periods: int, name: str = "lumped") -> tuple[Response, Response]:
-    """Harmonic balance and the time domain on the same output grid."""
-    run = solve(scene, replace(last_period(scene, segments, periods, name), method="harmonic"))
+    """Harmonic balance to an estimated error of 1e-4 and the time domain, on the same output grid."""
+    run = solve(scene, replace(last_period(scene, segments, periods, name), method="harmonic", tolerance=1e-4))
     assert run.status == Status.OK, run.message
     return run, marched(scene, segments, periods, name)
 

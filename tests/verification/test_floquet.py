@@ -67,18 +67,18 @@ def test_liouville() -> None:
 
 def test_liouville_with_drag() -> None:
     """With quadratic drag the trace is -(c + 2 d |v|)/m and varies over the period; where v passes zero it has a kink,
-    which costs an order: 1e-4 at 384 steps."""
+    so that the error falls unevenly: 2e-4 at 192 steps, below 1e-6 at 384. Asserted is 2e-4."""
     pack = oscillator(c=0.05, d=0.4, k3=0.1, force=((0.5, 1.0, 0.0),))
     orbit = harmonic.periodic(pack, 1.0, np.zeros(1), 1e-6, 30)
     v = orbit.at(2 * math.pi * np.arange(4096) / 4096)[1][:, 0]
     exact = math.exp(-(0.05 + 0.8 * np.abs(v).mean()) * 2 * math.pi)
-    assert np.prod(stability(pack, orbit, 384).multipliers) == pytest.approx(exact, rel=1e-4)
+    assert np.prod(stability(pack, orbit, 384).multipliers) == pytest.approx(exact, rel=2e-4)
 
 
 def test_hill() -> None:
     """Hill's method from the harmonic balance's own Jacobian J: disturbances exp(s t) sum z_h e^(i h w t) solve
     (J + s (c + 2 D) + s^2) z = 0, D the derivative of the series; of its 2 (2H + 1) exponents the two of least
-    imaginary part. The multipliers exp(s T) to 2e-7 at 1536 steps (order 3 from 2.8e-5 at 384)."""
+    imaginary part. The multipliers exp(s T) to 2e-7 at 1536 steps (5e-9 seen, by order 3 from 3.2e-7 at 384)."""
     pack, orbit = duffing()
     H, omega = orbit.harmonics, orbit.omega
     balance = Balance(pack, omega, H, 4 * H + 2, harmonic.reach_of(pack, np.zeros(1)))
@@ -128,8 +128,8 @@ def edge(curve) -> float:
 def test_mathieu_tongue_of_a_string(off: float) -> None:
     """A straight string under swinging tension obeys Mathieu's equation y'' + w1^2 (1 + 0.3 cos(w t)) y = 0 across it.
     Inside the tongue, 8.2625 to 9.6017 rad/s by its characteristic values, a multiplier is real and below -1 (period
-    doubling); outside it is stable: told right within 0.1 % of either edge (the line's axial inertia and its strain
-    move the edges by 2e-5). Multipliers to 2e-3 of those of the scalar equation."""
+    doubling); outside it is stable: told right within 0.1 % of either edge (seen, not a
+    limit). Multipliers to 2e-3 of the scalar equation's: 6e-4 seen, next to an edge, where they go as a square root."""
     low, high = sorted((edge(mathieu_a), edge(mathieu_b)))
     assert (low, high) == pytest.approx((8.2625, 9.6017), abs=5e-5)
     for w, inside in ((low * (1 + off), off > 0), (high * (1 + off), off < 0)):
