@@ -74,15 +74,16 @@ def response_curve(
 
     base = made(start)
     model = MODELS[choice.model].build(base, choice.segments)
+    settled.at_home(model)
     status, static, note = static_state(model)
     if status != Status.OK:
         raise CannotRepresent(f"no static state at the start: {note}")
-    bare = _still(base)
+    bare = settled.still(base)
 
     def problem(value: float) -> tuple[Any, float]:
         scene = made(value)
         omega = 2 * math.pi / settled.period(scene)[0]
-        if _still(scene) == bare:
+        if settled.still(scene) == bare:
             ends = [end for end in (scene.end_a, scene.end_b) if end.kind != "free"]
             return model.pack._replace(motion=motion_pack(ends, model.basis)), omega
         other = MODELS[choice.model].build(scene, choice.segments)
@@ -114,7 +115,3 @@ def response_curve(
         message=branch.message,
     )  # fmt: skip
 
-
-def _still(scene: sc.Scene) -> sc.Scene:
-    """The scene without its motion: what the line is built from."""
-    return replace(scene, end_a=replace(scene.end_a, motion=None), end_b=replace(scene.end_b, motion=None))

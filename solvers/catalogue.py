@@ -265,6 +265,8 @@ def run(scene: sc.Scene, ask: Ask, choice: Choice) -> Response:
         q, v = model.given()
         static = q
     else:
+        if periodic:
+            settled.at_home(model)
         status, static, note = static_state(model)
         q, v = static.copy(), np.zeros_like(static)
     if status != Status.OK:
@@ -288,7 +290,7 @@ def settle(model: Any, ask: Ask, static: np.ndarray, common: dict[str, Any]) -> 
     pack, omega = model.pack, 2 * math.pi / settled.period(model.scene)[0]
     tolerance = METHODS["harmonic"].tolerance if ask.tolerance is None else ask.tolerance
     begun = time.perf_counter()
-    orbit = harmonic.periodic(pack, omega, static, tolerance, ask.harmonics)
+    orbit = settled.respond(pack, omega, static, tolerance, ask.harmonics)
     work = orbit.work
     if orbit.status not in (Status.OK, Status.FEW_HARMONICS):
         cost = Cost(work.iterations, 0, work.evaluations, work.factorisations, time.perf_counter() - begun)

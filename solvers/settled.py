@@ -12,11 +12,14 @@ import numpy as np
 from . import scene as sc
 from .compile import kernel
 from .dispatch import GRAVITY, KINETIC, N_ENERGIES, STRAIN, WATER, energies
-from .methods import harmonic
+from .methods import continuation, harmonic
 from .methods.harmonic import Orbit
 from .methods.march import L_WORK, N_LEDGER
+from .model import Status
 
 MOST_HARMONIC = 12  # largest ratio of a motion's frequencies to their common one
+CLIMB_FROM = 0.02  # share of the amplitude at which the arc to the whole of it begins
+CLIMB_POINTS = 60  # on that arc
 LEDGER_SAMPLES = 256  # of a period at least
 
 
@@ -80,6 +83,37 @@ def steady(scene: sc.Scene) -> sc.Scene:
         return replace(end, motion=replace(end.motion, window=None))
 
     return replace(scene, end_a=settled(scene.end_a), end_b=settled(scene.end_b))
+
+
+def still(scene: sc.Scene) -> sc.Scene:
+    """The scene without its motion: ends at home."""
+    return replace(scene, end_a=replace(scene.end_a, motion=None), end_b=replace(scene.end_b, motion=None))
+
+
+def at_home(model: Any) -> None:
+    """Let the model find its static state with the ends at home: a settled motion has no start, and t = 0 may find them
+    anywhere on their way."""
+    motion = model.static_pack.motion
+    model.static_pack = model.static_pack._replace(motion=motion._replace(amplitude=0.0 * motion.amplitude))
+
+
+def respond(pack: Any, omega: float, rest: np.ndarray, tolerance: float, harmonics: int | None) -> Orbit:
+    """The periodic response: from rest, and where that fails along the arc of a growing amplitude, folds included."""
+    found = harmonic.periodic(pack, omega, rest, tolerance, harmonics)
+    if found.status != Status.NO_CONVERGENCE:
+        return found
+
+    def problem(share: float) -> tuple[Any, float]:
+        motion = pack.motion
+        return pack._replace(motion=motion._replace(amplitude=share * motion.amplitude)), omega
+
+    branch = continuation.trace(
+        problem, CLIMB_FROM, 1.0, rest, tolerance=1.0, harmonics=harmonics, with_stability=False, step=0.05,
+        most_step=0.3, most_points=CLIMB_POINTS,
+    )  # fmt: skip
+    if branch.status != Status.OK or branch.points[-1].parameter != 1.0:
+        return found
+    return harmonic.periodic(pack, omega, rest, tolerance, harmonics, start=branch.points[-1].orbit)
 
 
 class Shown(NamedTuple):

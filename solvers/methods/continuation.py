@@ -23,7 +23,7 @@ Problem = Callable[[float], tuple[Any, float]]
 
 NEWTON = 1e-9
 MOST_CORRECTIONS = 8
-WANTED = 3  # corrections that keep the step
+WANTED = 5  # corrections that keep the step
 LEAST_STEP = 1e-5  # of the range of p
 DIFFERENCE = 1e-6  # relative step of d/dp
 
@@ -216,10 +216,10 @@ def trace(
             share = (end - p) / (p1 - p)
             balance = curve.at(end)
             ok, X2 = newton(balance, X + share * (X1 - X), 20)
-            if ok:
-                put(X2, end, sp)
-            reached = end == stop
-            note = "" if reached else f"the branch came back to {end:.6g}"
+            if not ok:
+                return Branch(tuple(points), Status.NO_CONVERGENCE, f"the last point, at {end:.6g}, was not found")
+            put(X2, end, sp)
+            note = "" if end == stop else f"the branch came back to {end:.6g}"
             return Branch(tuple(points), Status.OK, note)
         if sp * tp < 0:
             fold = _fold(curve, X, p, tX, tp, step)
