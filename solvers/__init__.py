@@ -25,6 +25,7 @@ SOURCE_HASH = _source_hash()
 _root = os.environ.get("CABLE_SWEEP_CACHE") or str(Path(os.environ.get("XDG_CACHE_HOME", "~/.cache")).expanduser())
 numba.config.CACHE_DIR = str(Path(_root) / "cable-sweep" / f"numba-{SOURCE_HASH}")  # type: ignore[attr-defined]
 
+from .branches import ResponseCurve, response_curve  # noqa: E402
 from .catalogue import METHODS, MODELS, needs, solve, warm_up  # noqa: E402
 from .model import Ask, CannotRepresent, Cost, Feature, Response, Status  # noqa: E402
 from .quantities import QUANTITIES  # noqa: E402
@@ -49,6 +50,7 @@ from .scene import (  # noqa: E402
 
 __all__ = [
     "BNES", "METHODS", "MODELS", "QUANTITIES", "SOURCE_HASH", "TMD", "Ask", "CannotRepresent", "Cost", "CubicNES",
-    "Current", "End", "Feature", "Harmonic", "Motion", "PointMass", "Response", "Scene", "Seabed", "Section", "Start",
-    "Status", "Stochastic", "Table", "Water", "Window", "needs", "solve", "warm_up",
+    "Current", "End", "Feature", "Harmonic", "Motion", "PointMass", "Response", "ResponseCurve", "Scene", "Seabed",
+    "Section", "Start", "Status", "Stochastic", "Table", "Water", "Window", "needs", "response_curve", "solve",
+    "warm_up",
 ]
