@@ -19,7 +19,7 @@ from .model import Status
 
 MOST_HARMONIC = 12  # largest ratio of a motion's frequencies to their common one
 CLIMB_FROM = 0.02  # share of the amplitude at which the arc to the whole of it begins
-CLIMB_POINTS = 60  # on that arc
+CLIMB_POINTS = 200  # on that arc
 LEDGER_SAMPLES = 256  # of a period at least
 
 

@@ -31,6 +31,7 @@ from ..model import Status
 LADDER = (3, 5, 8, 12, 16, 22, 30, 40)  # harmonics tried in turn
 NEWTON = 1e-9  # a Newton step this small, relative to the motion, ends the iteration
 ROUNDING = 2e-14  # the same relative to the coordinates themselves: what rounding leaves
+STILL = 1e-7  # a swing below this share of the coordinates or forces themselves is none
 CHORD = 0.1  # a step that shrinks by this factor under an old Jacobian keeps it
 CARRIED = 5e-7  # the same under a neighbour's Jacobian with Broyden's updates: a thousandth of the usual tolerance
 PACE = 0.5  # a step that shrinks less than by this under it asks for a Jacobian of its own
@@ -690,11 +691,11 @@ def left_out(balance: Balance, X: np.ndarray) -> tuple[float, float, np.ndarray,
     balance.work.evaluations += len(dense.phase)
     fixed, free = pack.fixed, ~balance.held
     R = (dense.project @ r).T
-    swing = _swing(q)
+    swing = max(float(_swing(q).max()), STILL * float(np.abs(q).max()), 1e-300)
     aliased = R[:, : balance.nh].copy()
     aliased[fixed] = 0.0
     missing = np.abs(balance.solve(aliased)).max(axis=1)
-    alias = float(missing.max()) / max(float(swing.max()), 1e-300)
+    alias = float(missing.max()) / swing
     first, more = H + 1, padded(X, 2 * H + 2)
     answer = R[:, 2 * first - 1 :: 2].T - 1j * R[:, 2 * first :: 2].T
     ends = np.zeros((len(answer), len(fixed)), dtype=complex)
@@ -703,10 +704,10 @@ def left_out(balance: Balance, X: np.ndarray) -> tuple[float, float, np.ndarray,
         answer[:] = math.inf
     missing += np.abs(answer).sum(axis=0)
     more[:, 2 * first - 1 :: 2], more[:, 2 * first :: 2] = -answer.real.T, answer.imag.T
-    motion = float(missing.max()) / max(float(swing.max()), 1e-300)
-    forces = np.abs(r[:, fixed] - r[:, fixed].mean(axis=0)) if len(fixed) else np.zeros((1, 1))
-    scale = float(forces.max())
-    if len(fixed) and scale > 0:
+    motion = float(missing.max()) / swing
+    ends_r = r[:, fixed] if len(fixed) else np.zeros((1, 1))
+    scale = max(float(np.abs(ends_r - ends_r.mean(axis=0)).max()), STILL * float(np.abs(ends_r).max()))
+    if scale > 0:
         motion = max(motion, float(np.abs(ends).sum(axis=0).max()) / scale)
     few = slice(0, len(r), 4)
     inertia = np.zeros_like(r[few])

@@ -33,7 +33,7 @@ from solvers import (
     solve,
 )
 from solvers.catalogue import cheapest
-from solvers.methods import floquet, harmonic
+from solvers.methods import floquet
 from solvers.methods.floquet import Stability
 from solvers.methods.harmonic import Orbit
 
@@ -211,7 +211,7 @@ def test_auto_falls_back_to_the_time_domain(how: str, monkeypatch: pytest.Monkey
         def lost(pack: Any, omega: float, rest: np.ndarray, *_: Any) -> Orbit:
             return Orbit(Status.NO_CONVERGENCE, "no periodic response found", omega, np.zeros((len(rest), 7)))
 
-        monkeypatch.setattr(harmonic, "periodic", lost)
+        monkeypatch.setattr(settled, "respond", lost)
         status, words = Status.NO_CONVERGENCE, "no periodic response found"
     else:
         status, words = Status.FEW_HARMONICS, "3 harmonics leave an estimated error of"

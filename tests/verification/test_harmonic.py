@@ -25,7 +25,7 @@ from periodic_kit import (
     top_force,
 )
 
-from solvers import BNES, TMD, Ask, CubicNES, Current, End, Status, Water, settled, solve
+from solvers import BNES, TMD, Ask, CubicNES, Current, End, Harmonic, Motion, Status, Water, settled, solve
 from solvers.devices import LINEAR
 from solvers.lines.oscillator import cubic_device, oscillator
 from solvers.methods import harmonic
@@ -378,3 +378,44 @@ def test_a_neighbour_is_a_good_start() -> None:
     assert warm.work.evaluations < cold.work.evaluations
     assert warm.work.factorisations < cold.work.factorisations
     assert again.work.evaluations <= warm.work.evaluations
+
+
+def test_the_arc_of_a_growing_amplitude_finds_what_newton_does_not(monkeypatch: pytest.MonkeyPatch) -> None:
+    """A cable with a cubic sink: the same response by Newton from rest and along the arc that `respond` takes when
+    everything else has failed, here because it is told so."""
+    of = line(hose(devices=(SINK,)), 12)
+    direct = settled.respond(of.pack, of.omega, of.rest, 1e-4, 5)
+    known, whole = harmonic.periodic, np.abs(of.pack.motion.amplitude).max()
+
+    def deaf(pack: Any, omega: float, rest: np.ndarray, tolerance: float, *more: Any, **how: Any) -> Orbit:
+        if np.abs(pack.motion.amplitude).max() > 0.5 * whole and "start" not in how:
+            return Orbit(Status.NO_CONVERGENCE, "", omega, np.zeros((len(rest), 3)))
+        return known(pack, omega, rest, tolerance, *more, **how)
+
+    monkeypatch.setattr(harmonic, "periodic", deaf)
+    found = settled.respond(of.pack, of.omega, of.rest, 1e-4, 5)
+    assert found.status == direct.status
+    assert np.abs(found.X - direct.X).max() < 1e-6 * np.abs(direct.X[:, 1:]).max()
+
+
+def test_no_motion_is_a_response_too() -> None:
+    """Amplitude zero: the static state, not a failure to converge."""
+    run = solve(hose(0.0), Ask(duration=5.0, segments=12, method="harmonic", interval=0.1))
+    assert run.status == Status.OK, run.message
+    assert np.ptp(run.signals["position"], axis=0).max() < 1e-9
+
+
+def test_a_vertical_line_may_move_in_any_plane() -> None:
+    """Without its motion a vertical line lies in no plane of its own: that of the motion counts, at rest too."""
+    runs = []
+    for amplitude in ((0.3, 0, 0), (0, 0.3, 0)):
+        scene = hose()
+        sway = End(
+            kind="pinned", position=scene.end_b.position,
+            motion=Motion(harmonics=(Harmonic(amplitude=amplitude, frequency=1.2, phase=math.pi / 2),)),
+        )  # fmt: skip
+        ask = Ask(duration=1 / 1.2, segments=12, method="harmonic", interval=0.01)
+        runs.append(solve(replace(scene, end_b=sway), ask))
+    x, y = (run.signals["position"] for run in runs)
+    assert np.abs(x[:, :, 0] - y[:, :, 1]).max() < 1e-9
+    assert np.abs(runs[1].signals["static_position"][:, 1]).max() < 1e-9
