@@ -247,13 +247,16 @@ def _plots() -> Any:
 
 
 @app.command()
-def plot(directory: Folder, kind: Annotated[str, typer.Argument(help="a kind of figure, or `all`")]) -> None:
+def plot(
+    directory: Folder, kind: Annotated[str, typer.Argument(help="a kind of figure, or `all` the quick ones")]
+) -> None:
     """Draw a figure into DIR/figures."""
     plots = _plots()
     if kind != "all" and kind not in plots.PLOTS:
         raise typer.BadParameter(f"{kind!r} is not one of: all, {', '.join(plots.PLOTS)}", param_hint="KIND")
     store.study_of(directory)
-    for name in plots.PLOTS if kind == "all" else [kind]:
+    cheap = [name for name, entry in plots.PLOTS.items() if not entry.dear]
+    for name in cheap if kind == "all" else [kind]:
         try:
             say(plots.save_plot(directory, name))
         except ValueError as error:

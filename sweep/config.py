@@ -20,6 +20,7 @@ from pydantic import BeforeValidator, Field, TypeAdapter, ValidationError, model
 import solvers
 from solvers import Ask, Scene
 from solvers.scene import NonNegative, Number, Positive, record
+from solvers.settled import why_not
 
 from .fields import SCENE, Expression, FieldError, assign, deep_merge, lookup, parse
 from .mend import Place, Reading, follows, match_keys, plain, read
@@ -490,6 +491,7 @@ def _check(draft: Draft) -> None:
     _check_objectives(draft)
     if isinstance(draft.scene.tree, dict):
         _check_extremes(draft, sound)
+        _check_periodic(draft, sound)
 
 
 def _check_paths(draft: Draft) -> Sound:
@@ -717,3 +719,32 @@ def _check_extremes(draft: Draft, sound: Sound) -> None:
                 draft.add(at, patch[mistake.path], mistake.problem, mistake.remedy)
             else:
                 say(f"environments[{i}].set", ABSENT, mistake)
+
+
+def _check_periodic(draft: Draft, sound: Sound) -> None:
+    """Whether harmonic balance, where it is asked for, can serve the scene mid-range and in every environment."""
+    ask = draft.get("ask")
+    if ask is None or ask.method != "harmonic" or draft.scene.mistakes or sound.left_out:
+        return
+    harmonics = ask.harmonics if draft.sure("ask", "harmonics") else None
+    middle = {key: variable.at(0.5) for key, variable in sound.variables.items()}
+    reasons: dict[str, list[str]] = {}  # environments by reason
+    for i, patch in (sound.patches or {-1: {}}).items():
+        tree = plain(draft.scene.tree)
+        try:
+            for path, value in patch.items():
+                assign(tree, path, value)
+            for key, variable in sound.variables.items():
+                for path in variable.paths(key):
+                    assign(tree, path, middle[key])
+            for path, expression in sound.tied.items():
+                assign(tree, path, expression.value(middle))
+            reason = why_not(SCENE.validate_python(tree), harmonics)
+        except (FieldError, ValidationError, KeyError, IndexError, TypeError):
+            continue  # a mistake that is reported elsewhere
+        if reason:
+            reasons.setdefault(reason, []).append("" if i < 0 else str(draft.get("environments")[i].name))
+    for reason, names in reasons.items():
+        where = f"in {', '.join(names)}: " if names != [""] and len(names) < len(sound.patches) else ""
+        remedy = "use `method: explicit`, or `auto`, or a scene with a settled periodic response"
+        draft.add("ask.method", ask.method, f"harmonic balance cannot serve the scene: {where}{reason}", remedy)

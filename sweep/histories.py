@@ -1,6 +1,7 @@
 """Figures of one point over time, along the cable and over frequency, and of the force laws of its devices.
 
-They read the datasets that `series` makes: `reduce`, `spectrum`, `wavelet` and `force_laws`.
+They read the datasets that `series` makes: `reduce`, `spectrum`, `wavelet`, `orders`, `loop_of`, `responses` and
+`force_laws`.
 """
 
 from __future__ import annotations
@@ -33,6 +34,7 @@ from .labels import (
     draw_on,
     label,
     pretty_unit,
+    readable,
     symbol,
 )
 from .series import at
@@ -335,6 +337,183 @@ def plot_spectrum(spectra: xr.Dataset, ax: Axes | None = None) -> Axes:
     ax.set_title(f"{_title(spectra)}, s = {spectra.attrs['s']:.2f} m".lstrip(", "))
     ax.legend()
     return ax
+
+
+# --------------------------------------------------------------------------- periodic responses
+
+
+def plot_orders(found: xr.Dataset, figure: Figure | None = None) -> Figure:
+    """Harmonics of the end tension and of the displacement at the probe, as bars over multiples of the frequency."""
+    _needs(found, "displacement", "order")
+    shown = [name for name in ("tension", "displacement") if name in found]
+    figure = draw_in(figure, (7.6, 2.7 * len(shown) + 1.0))
+    panels = figure.subplots(len(shown), 1, sharex=True, squeeze=False)[:, 0]
+    order = found["order"].values
+    for ax, name in zip(panels, shown, strict=True):
+        pairs = [(found[name], DESIGN, 0.0)]
+        # a design without devices is often its own baseline
+        if name == "displacement" and "baseline_displacement" in found and int(found.attrs.get("devices", 1)):
+            pairs = [(found[name], DESIGN, -0.2), (found["baseline_displacement"], BASE, 0.2)]
+        top = max(float(array.max()) for array, _, _ in pairs) or 1.0
+        for array, colour, shift in pairs:
+            ax.bar(order + shift, np.maximum(array.values, 1e-9 * top), 0.8 / len(pairs), color=colour)
+        ax.set_yscale("log")
+        ax.set_ylim(top * 1e-5, top * 3)
+        ax.set_ylabel(label(found[name], "amplitude"))
+        text = str(found[name].attrs["long_name"]).removeprefix("amplitude of the ")
+        place = f", s = {found.attrs['s']:.2f} m" if name == "displacement" else ""
+        still = abs(float(found[name].attrs["mean"])) < 1e-6 * top
+        mean = "; mean 0" if still else f"; mean {_with_unit(float(found[name].attrs['mean']), found[name])}"
+        rest = float(found[name].attrs["rest"])
+        about = f"; {100 * rest:.2g} % not periodic" if rest > 1e-3 else ""
+        ax.set_title(f"{text}{place}{mean}{about}", fontsize=9, pad=3)
+        ax.grid(axis="y", alpha=0.25, linewidth=0.6)
+        ax.set_axisbelow(True)
+    panels[-1].set_xticks(order)
+    base = 1 / float(found.attrs["period"])
+    panels[-1].set_xlabel(f"{label(found['order'])}, {base:.4g} Hz")
+    _head(figure, found)
+    if "baseline_displacement" in found and int(found.attrs.get("devices", 1)):
+        handles = [Patch(color=DESIGN, label=_design_label(found)), Patch(color=BASE, label=_base_label(found))]
+        figure.legend(handles=handles, loc="outside lower center", ncols=2)
+    return figure
+
+
+def _with_unit(value: float, array: xr.DataArray) -> str:
+    shown = readable(xr.DataArray(value, attrs={"units": array.attrs.get("units", "1")}))
+    return f"{float(shown):.4g} {pretty_unit(shown.attrs['units'])}"
+
+
+def plot_spectrum_or_orders(found: xr.Dataset, figure: Figure) -> Any:
+    """Harmonics where they are known, else the spectrum."""
+    if "order" in found.dims:
+        return plot_orders(found, figure)
+    figure.set_size_inches(7.2, 4.4)
+    return plot_spectrum(found, figure.subplots())
+
+
+def plot_loop(found: xr.Dataset, ax: Axes | None = None) -> Axes:
+    """End tension against end displacement over one period: harmonic balance on the march's last period."""
+    ax = draw_on(ax, (6.4, 5.6))
+    axes: list[str] = ["", ""]
+    if "march_tension" in found:
+        x, y = readable(found["march_displacement"]), readable(found["march_tension"])
+        axes = [label(x), label(y)]
+        for i in range(x.shape[0] - 1):
+            text = f"the {x.shape[0] - 1} periods before it" if i == 0 else None
+            ax.plot(x.values[i], y.values[i], color=YELLOW, linewidth=0.7, alpha=0.8, label=text)
+        text = f"time domain, last period{_ended(found, 'march')}"
+        ax.plot(x.values[-1], y.values[-1], color=YELLOW, linewidth=4.0, label=text)
+    if "tension" in found:
+        x, y = readable(found["displacement"]), readable(found["tension"])
+        axes = [label(x), label(y)]
+        text = f"harmonic balance{_ended(found, 'harmonic')}"
+        ax.plot(x.values, y.values, color=DESIGN, linewidth=1.3, label=text)
+    for name, text in (("tension", "harmonic"), ("march_tension", "march")):
+        if name not in found:
+            ax.plot([], [], " ", label=_short(f"no {text}: {found.attrs.get(text, '')}"))
+    ax.set_xlabel(axes[0])
+    ax.set_ylabel(axes[1])
+    gap = ""
+    if "gap" in found.attrs:
+        gap = f"\nlargest gap of the two: {100 * found.attrs['gap']:.2g} % of the tension's range"
+    ax.set_title(f"{_title(found)}, period {found.attrs['period']:.4g} s".lstrip(", ") + gap)
+    ax.legend(loc="upper center", bbox_to_anchor=(0.5, -0.13), ncols=1)
+    return ax
+
+
+def _ended(found: xr.Dataset, name: str) -> str:
+    status = str(found.attrs.get(f"{name}_status", "OK"))
+    return "" if status == "OK" else f" ({status})"
+
+
+def _short(text: str, most: int = 90) -> str:
+    return text if len(text) <= most else text[: most - 1].rstrip() + "…"
+
+
+def plot_response(found: xr.Dataset, figure: Figure | None = None) -> Figure:
+    """Frequency response, or that along any variable: stable, unstable, folds; the study's own rows as points."""
+    _needs(found, "half_range", "parameter")
+    count, curves = found.sizes["panel"], found.sizes["curve"]
+    columns = min(count, 2)
+    rows = math.ceil(count / columns)
+    figure = draw_in(figure, (max(4.6 * columns, 7.2), (3.5 if rows > 1 else 4.2) * rows + 1.5))
+    panels = figure.subplots(rows, columns, sharex=True, sharey=True, squeeze=False).ravel()
+    colours = matplotlib.colormaps[MAP](np.linspace(0, 0.9, curves))
+    half, row_half = readable(found["half_range"]), found["row_half_range"]
+    row_half = row_half * {"kN": 1e-3, "mm": 1e3}.get(half.attrs["units"], 1.0)
+    x, row_x = found["parameter"].values, found["row_parameter"].values
+    short = False
+    for p, ax in enumerate(panels[:count]):
+        for k in range(curves):
+            good = np.isfinite(x[p, k])
+            stable = found["stable"].values[p, k][good] > 0
+            a, b = x[p, k][good], half.values[p, k][good]
+            for which, style in ((stable, "-"), (~stable, (0, (3, 1.5)))):
+                both = which.copy()  # the stable pieces go on to the points where stability changes
+                both[1:] |= which[:-1]
+                both[:-1] |= which[1:]
+                if not which.any():
+                    continue
+                ax.plot(a, np.where(both if style == "-" else which, b, np.nan), color=colours[k], linestyle=style)
+            turn = found["fold"].values[p, k][good] > 0
+            ax.plot(a[turn], b[turn], "D", color=BEST, markersize=5, zorder=4)
+            trusted = found["row_trusted"].values[p, k] > 0
+            look: Any = {"linestyle": "", "marker": "o", "markersize": 4.2, "color": colours[k]}
+            ax.plot(row_x[p, k][trusted], row_half.values[p, k][trusted], **look)
+            ax.plot(row_x[p, k][~trusted], row_half.values[p, k][~trusted], **look, markerfacecolor="white")
+            lost = found["row_failed"].values[p, k] > 0
+            if lost.any():  # an unclipped line of no points would upset the layout
+                ax.plot(row_x[p, k][lost], np.zeros(np.count_nonzero(lost)), "x", color=colours[k], markersize=6,
+                        transform=ax.get_xaxis_transform(), clip_on=False, zorder=5)  # fmt: skip
+            if str(found["note"].values[p, k]) and a.size:
+                short = True
+                ax.plot(a[-1], b[-1], "|", color=colours[k], markersize=12, markeredgewidth=1.6)
+        if count > 1:
+            ax.set_title(str(found["environment"].values[p]), fontsize=9, pad=3)
+        ax.grid(alpha=0.25, linewidth=0.6)
+        if p >= count - columns:
+            ax.set_xlabel(label(found["parameter"]))
+            ax.xaxis.set_tick_params(labelbottom=True)
+        if p % columns == 0:
+            ax.set_ylabel(label(half))
+    for ax in panels[count:]:
+        ax.remove()
+    panels[0].set_ylim(bottom=0)
+    figure.suptitle(_response_title(found), x=0.01, ha="left", fontsize=10)
+    handles: list[Any] = [
+        Line2D([], [], color=colours[k], linewidth=2, label=str(found["others"].values[k]) or "the response")
+        for k in range(curves)
+    ]
+    black: dict[str, Any] = {"color": "0.25"}
+    handles += [
+        Line2D([], [], **black, label="stable"),
+        Line2D([], [], **black, linestyle=(0, (3, 1.5)), label="unstable"),
+    ]
+    if np.any(found["fold"].values > 0):
+        handles.append(Line2D([], [], color=BEST, marker="D", markersize=5, linestyle="", label="fold"))
+    dot: dict[str, Any] = {**black, "linestyle": "", "marker": "o", "markersize": 4.2}
+    handles += [Line2D([], [], **dot, label="row, trusted"),
+                Line2D([], [], **dot, markerfacecolor="white", label="row, untrusted")]  # fmt: skip
+    if np.any(found["row_failed"].values > 0):
+        handles.append(Line2D([], [], **black, linestyle="", marker="x", label="row, failed"))
+    if short:
+        handles.append(Line2D([], [], **black, linestyle="", marker="|", markersize=11, label="not followed further"))
+    figure.legend(handles=handles, loc="outside lower center", ncols=4 if columns == 2 else 3)
+    return figure
+
+
+def _response_title(found: xr.Dataset) -> str:
+    here = np.isfinite(found["row_parameter"].values)
+    trusted = int((found["row_trusted"].values[here] > 0).sum())
+    failed = int((found["row_failed"].values[here] > 0).sum())
+    parts = [f"{found.attrs.get('study', '')}: {trusted} of the {int(here.sum())} rows on these curves are trusted"]
+    parts += [f"{failed} failed"] if failed else []
+    curves, of = found.sizes["curve"], int(found.attrs.get("curves_of", found.sizes["curve"]))
+    parts += [f"{curves} of {of} curves"] if of > curves else []
+    panels, of = found.sizes["panel"], int(found.attrs.get("panels_of", found.sizes["panel"]))
+    parts += [f"{panels} of {of} environments"] if of > panels else []
+    return ", ".join(parts).lstrip(": ")
 
 
 # --------------------------------------------------------------------------- force laws

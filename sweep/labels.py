@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from typing import Any
 
+import numpy as np
 import xarray as xr
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
@@ -50,6 +51,17 @@ def pretty_unit(unit: str) -> str:
 def label(array: xr.DataArray, text: str | None = None) -> str:
     """A quantity's name (or ``text``) and its unit."""
     return f"{text or array.attrs.get('long_name', array.name)} [{pretty_unit(array.attrs.get('units', '1'))}]"
+
+
+def readable(array: xr.DataArray) -> xr.DataArray:
+    """Thousands of newtons in kN and less than a decimetre in mm; anything else as it is."""
+    unit = array.attrs.get("units")
+    largest = float(np.nanmax(np.abs(array.values), initial=0.0))
+    if unit == "N" and largest >= 2000:
+        return (array / 1000).assign_attrs(array.attrs | {"units": "kN"})
+    if unit == "m" and largest < 0.1:
+        return (array * 1000).assign_attrs(array.attrs | {"units": "mm"})
+    return array
 
 
 def variable_label(variable: xr.DataArray) -> str:

@@ -106,8 +106,8 @@ def summarise(
         probe2=probe2,
         strain=signals["strain"][inside],
         mechanical=(signals["kinetic"] + signals["strain"] + signals["gravity"])[inside],
-        top=_tension(force[:, 1], scene.end_b, 1.0),
-        bottom=_tension(force[:, 0], scene.end_a, -1.0),
+        top=end_tension(force[:, 1], scene.end_b, 1.0),
+        bottom=end_tension(force[:, 0], scene.end_a, -1.0),
         curvature=float(np.abs(signals["curvature"][inside]).max(initial=0.0)),
         lost=(device, water, cable, seabed),
         strokes=np.ptp(stroke[inside], axis=0) if len(x) else np.zeros(stroke.shape[1]),
@@ -123,7 +123,7 @@ def summarise(
     )
 
 
-def _tension(force: np.ndarray, end: End, outward: float) -> np.ndarray:
+def end_tension(force: np.ndarray, end: End, outward: float) -> np.ndarray:
     """(nt,) tension at an end [N]: along the clamp's direction, else the size of the force, which has no shear."""
     if end.kind != "clamped" or end.direction is None:
         return np.sqrt(_square(force))

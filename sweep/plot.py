@@ -31,12 +31,14 @@ from .histories import (
     plot_force_law,
     plot_gt,
     plot_history,
-    plot_spectrum,
+    plot_loop,
+    plot_response,
+    plot_spectrum_or_orders,
     plot_stroke,
     plot_wavelet,
 )
 from .labels import BEST, DESIGN, MAP, STYLE, UP, WORDS, draw_in, draw_on, metric_label, variable_label
-from .series import chosen_key, force_laws, series_of, spectrum, wavelet
+from .series import chosen_key, force_laws, loop_of, responses, series_of, spectrum_or_orders, wavelet
 from .store import open_study, outcome, write_whole
 
 # --------------------------------------------------------------------------- the points of a study
@@ -367,6 +369,7 @@ class Kind(NamedTuple):
     draw: Callable[[xr.Dataset, Figure], Any]
     data: Callable[[Path], xr.Dataset]
     meaning: str
+    dear: bool = False  # runs a study of its own, and so is not among `all`
 
 
 def _single(function: Callable[..., Axes], size: tuple[float, float]) -> Callable[[xr.Dataset, Figure], Axes]:
@@ -381,6 +384,10 @@ def _series(directory: Path) -> xr.Dataset:
     return series_of(directory, chosen_key(open_study(directory)))
 
 
+def _loop(directory: Path) -> xr.Dataset:
+    return loop_of(directory, chosen_key(open_study(directory)))
+
+
 PLOTS: dict[str, Kind] = {
     "front": Kind(plot_front, open_study, "objectives against one another, coloured by a design variable"),
     "parallel": Kind(_single(plot_parallel, (10, 5)), open_study, "parallel coordinates of variables and objectives"),
@@ -392,7 +399,15 @@ PLOTS: dict[str, Kind] = {
     "energy": Kind(plot_energy, _series, "the energy ledger over time"),
     "wavelet": Kind(plot_wavelet, lambda d: wavelet(_series(d)), "Morlet transform of the probe's displacement"),
     "spectrum": Kind(
-        _single(plot_spectrum, (7.2, 4.4)), lambda d: spectrum(_series(d)), "spectrum of the probe's displacement"
+        plot_spectrum_or_orders,
+        lambda d: spectrum_or_orders(_series(d)),
+        "spectrum of the probe's displacement; of a periodic response the harmonics, those of the end tension too",
+    ),
+    "loop": Kind(
+        _single(plot_loop, (6.6, 6.2)), _loop, "end tension against end displacement, harmonic against time domain"
+    ),
+    "response": Kind(
+        plot_response, responses, "periodic response along the first variable, stability and folds (slow)", dear=True
     ),
     "force-law": Kind(plot_force_law, lambda d: force_laws(), "force of a sink: springs against cords"),
     "force-angle": Kind(

@@ -25,6 +25,7 @@ from .store import outcome
 EVERY_SECONDS = 30.0
 EVERY_SHARE = 0.05
 ROW_BYTES = 2500  # a journal's row and its share of results.nc
+SETTLED, MARCHED = ("harmonics", "multiplier"), ("steps_per_period",)  # columns of harmonic balance, of a march
 
 log = logging.getLogger(__name__)
 
@@ -183,6 +184,8 @@ def one_point(dataset: xr.Dataset, key: str, criterion: bool = False) -> str:
     metrics = [n for n in names if _stem(n) == n and find_metric(n) is not None]
     shown = ["key", "status", "message", *(str(n) for n in point.coords)]
     shown += [n for n in names if n not in shown and _stem(n) not in metrics]
+    harmonic = "method" in point and str(point["method"].values) == "harmonic"
+    shown = [n for n in shown if n not in (MARCHED if harmonic else SETTLED)]
     lines = [f"criterion: {dataset.attrs['criterion']}", ""] if criterion else []
     for name in shown:
         value, about = point[name].values.item(), point[name].attrs
@@ -254,7 +257,7 @@ def describe(study: Study, plan: Plan, pilots: Sequence[PilotRun]) -> str:
             f"pilot        {pilot.label}: {r.status.name}{': ' + r.message if r.message else ''}",
             f"             {r.model} by {r.method}, {r.segments} segments ({r.reason or 'as asked'})",
             f"             {r.nodes_per_wave:.3g} nodes in the shortest wave, "
-            f"{r.steps_per_period:.3g} steps in the shortest period, energy residual {r.energy_residual:.1e}",
+            f"{_fineness(r)}, energy residual {r.energy_residual:.1e}",
             f"             {r.cost.steps} steps, {r.cost.evaluations} evaluations, {r.cost.seconds:.2f} s",
         ]
     runs = points * (1 + study.repeats.n)
@@ -267,6 +270,13 @@ def describe(study: Study, plan: Plan, pilots: Sequence[PilotRun]) -> str:
         f"disk         about {points * ROW_BYTES / 1e6:.1f} MB",
     ]
     return "\n".join(lines)
+
+
+def _fineness(response: Any) -> str:
+    """How finely a run resolves time."""
+    if response.method == "harmonic":
+        return f"{response.harmonics} harmonics, largest Floquet multiplier {response.multiplier:.3g}"
+    return f"{response.steps_per_period:.3g} steps in the shortest period"
 
 
 def ending(pairs: Sequence[tuple[str, str]], interrupted: str, results: Path | None, directory: Path) -> str:

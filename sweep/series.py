@@ -1,15 +1,17 @@
 """Histories of one point, made ready for figures: rerun with its baseline, reduced, kept in DIR/series/<key>.nc.
 
 Symbols: x displacement normal to the static tangent, in the plane of the motion; G(t) eq. (3.3) of paper 003 with
-the square; omega_c the Morlet wavelet's centre. Fourier and wavelet transforms and the force laws of figures 2b
-and 3 are here too, as datasets, because figures compute nothing.
+the square; omega_c the Morlet wavelet's centre; T the period of a scene's motion. Fourier and wavelet transforms and
+the force laws of figures 2b and 3 are here too, as datasets, because figures compute nothing. So are periodic
+responses: their harmonics, a loop of tension against displacement, and how they depend on a design variable.
 """
 
 from __future__ import annotations
 
+import hashlib
 import json
 import math
-from collections.abc import Sequence
+from collections.abc import Callable, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import replace
 from itertools import pairwise
@@ -19,19 +21,29 @@ from typing import Any
 import numpy as np
 import xarray as xr
 
-from solvers import SOURCE_HASH, Scene
+from solvers import SOURCE_HASH, Ask, CannotRepresent, Response, Scene, settled
+from solvers.branches import ResponseCurve, response_curve
 from solvers.devices import CORDS, SPRINGS, law_force
+from solvers.methods.harmonic import terms
 
-from .evaluate import evaluate_with_series
-from .metrics import LOSSES, along, count_jumps
+from .config import Study
+from .evaluate import evaluate_with_series, run_trusted
+from .metrics import LOSSES, along, count_jumps, end_tension
 from .pareto import best
-from .plan import read_plan
+from .plan import Plan, read_plan
 from .point import Point, Record
-from .store import StoreError, outcome, study_of, write_whole
+from .space import design_scene
+from .store import StoreError, open_study, outcome, study_of, write_whole
 
 CENTRE = 6.0  # omega_c of the Morlet wavelet: about six oscillations under its bell
 LEDGER = ("kinetic", "strain", "gravity", "work", *(f"lost_{name}" for name in LOSSES), "rotation")
 PAPER_SINK = {"k": 2e4, "half_span": 0.05}  # of paper 003's figures 2b and 3 [N/m], [m]
+MOST_ORDERS = 15  # harmonics that a figure shows
+PER_PERIOD = 400  # samples of a loop
+LOOPS = 8  # last periods of a march that are kept, at most
+CURVES, PANELS, MOST_POINTS = 6, 4, 400  # of a frequency response, at most
+HARMONICS = 8, 16  # of such a curve: as many as its rows have, but at least and at most these
+LAYOUT = 2  # of the files in DIR/series; raised when they hold something new
 
 
 # --------------------------------------------------------------------------- a point of a folder
@@ -60,29 +72,51 @@ def series_of(directory: str | Path, key: str) -> xr.Dataset:
     ValueError
         Where the folder has no such point or its run gives no history; the text says why.
     """
-    directory = Path(directory)
-    path = directory / "series" / f"{key}.nc"
+
+    def made(point: Point) -> xr.Dataset:
+        record, raw = evaluate_with_series(point)
+        if not raw.sizes.get("time", 0):
+            raise ValueError(f"the run of {key} leaves no history: {record.status}, {record.message}")
+        return reduce(raw, point, record)
+
+    return _of_point(Path(directory), key, key, made)
+
+
+def _of_point(directory: Path, key: str, name: str, make: Callable[[Point], xr.Dataset]) -> xr.Dataset:
+    """What `make` makes of a point, kept under a name; with the point's key, design and environment."""
+
+    def made() -> xr.Dataset:
+        study, plan = study_of(directory), read_plan(directory / "plan.json")
+        if key not in plan.keys:
+            raise ValueError(f"{directory} has no point {key}")
+        index = plan.keys.index(key)
+        point = plan.point(study, index)
+        found = make(replace(point, settings=replace(point.settings, repeats=0)))
+        found.attrs |= {"key": key, "design": point.design}
+        if len(plan.environments) > 1:
+            found.attrs["environment"] = plan.environments[index % len(plan.environments)]
+        return found
+
+    return _kept(directory / "series" / f"{name}.nc", made)
+
+
+def _kept(path: Path, make: Callable[[], xr.Dataset], **stamp: str) -> xr.Dataset:
+    """The dataset in a file, or a new one where this solver and `stamp` have not made it yet."""
+    stamp |= {"solver": SOURCE_HASH, "layout": str(LAYOUT)}
     if path.is_file():
         with xr.open_dataset(path, engine="netcdf4") as known:
-            if known.attrs.get("solver") == SOURCE_HASH:
+            if all(known.attrs.get(name) == value for name, value in stamp.items()):
                 return known.load()
-    study, plan = study_of(directory), read_plan(directory / "plan.json")
-    if key not in plan.keys:
-        raise ValueError(f"{directory} has no point {key}")
-    index = plan.keys.index(key)
-    point = plan.point(study, index)
-    point = replace(point, settings=replace(point.settings, repeats=0))
-    record, raw = evaluate_with_series(point)
-    if not raw.sizes.get("time", 0):
-        raise ValueError(f"the run of {key} leaves no history: {record.status}, {record.message}")
-    series = reduce(raw, point, record)
-    series.attrs |= {"key": key, "solver": SOURCE_HASH}
-    if len(plan.environments) > 1:
-        series.attrs["environment"] = plan.environments[index % len(plan.environments)]
-    packed = {str(name): {"zlib": True} for name, array in series.data_vars.items() if array.ndim > 1}
+    found = make()
+    found.attrs |= stamp
+    packed = {
+        str(name): {"zlib": True}
+        for name, array in found.data_vars.items()
+        if array.ndim > 1 and array.dtype.kind in "fib"
+    }
     with suppress(StoreError):  # a folder that may only be read still gives figures
-        write_whole(path, lambda place: series.to_netcdf(place, engine="netcdf4", encoding=packed))
-    return series
+        write_whole(path, lambda place: found.to_netcdf(place, engine="netcdf4", encoding=packed))
+    return found
 
 
 def reduce(raw: xr.Dataset, point: Point, record: Record) -> xr.Dataset:
@@ -93,7 +127,8 @@ def reduce(raw: xr.Dataset, point: Point, record: Record) -> xr.Dataset:
     dataset with ``displacement`` (time, node) and ``baseline_displacement`` (time, baseline_node) along one
     sideways direction, ``arc`` and ``depth`` of the nodes, ``stroke`` and ``jump`` (1 where the passage of
     mid-stroke ends in the other well) of the devices, the energy ledger with its ``residual``, ``G``, ``share``
-    (of the integral of x^2 that is over), and the record's metrics as attributes ``metric_<name>``
+    (of the integral of x^2 that is over), ``tension`` at end B, and the record's metrics as attributes
+    ``metric_<name>``; ``period`` is NaN where the motion has none
     """
     settings, t = point.settings, raw["time"].values
     sideways = directions(raw)
@@ -102,6 +137,8 @@ def reduce(raw: xr.Dataset, point: Point, record: Record) -> xr.Dataset:
     about = {"units": "m", "long_name": "displacement normal to the static tangent"}
     found["displacement"] = (("time", "node"), _project(raw["transverse"].values, sideways), about)
     found["depth"] = ("node", -raw["static_position"].values[:, 2], {"units": "m", "long_name": "static depth"})
+    pull = end_tension(raw["end_force"].values[:, 1], point.scene.end_b, 1.0)
+    found["tension"] = ("time", pull, {"units": "N", "long_name": "tension at end B"})
     name = settings.baseline
     if f"{name}_transverse" in raw:
         arc = raw[f"{name}_arc"].values
@@ -123,6 +160,10 @@ def reduce(raw: xr.Dataset, point: Point, record: Record) -> xr.Dataset:
         "pulse_end": settings.pulse_end,
         "design": point.design,
         "devices": len(point.scene.devices),
+        "method": record.method,
+        "harmonics": record.harmonics,
+        "period": settled.period(point.scene)[0],
+        "ramped": settled.ramped(point.scene),
         **{f"metric_{metric}": value for metric, value in record.metrics.items()},
     }
     if settings.window is not None:
@@ -278,6 +319,274 @@ def morlet(x: np.ndarray, dt: float, frequency: np.ndarray) -> np.ndarray:
         bell = np.pi**-0.25 * math.sqrt(2 * np.pi) * np.exp(-0.5 * (scale * omega - CENTRE) ** 2)
         found[i] = np.fft.ifft(spectrum_of_x * math.sqrt(scale) * bell)[: len(x)]
     return found
+
+
+# --------------------------------------------------------------------------- periodic responses
+
+
+def orders(series: xr.Dataset) -> xr.Dataset:
+    """Amplitudes of the harmonics of the tension at end B and of the displacement at the probe.
+
+    The Fourier series of the motion's period T is fitted to the samples of the last whole periods by least squares:
+    exact for a response that repeats itself, whether or not the output times divide T. ``rest`` is the root mean
+    square of what it leaves, over that of the oscillation: a response that is not periodic, or not settled, has one.
+
+    Raises
+    ------
+    ValueError
+        Where the motion has no period, or no whole one of the settled response was kept.
+    """
+    probe, T = _at_probe(series), float(series.attrs.get("period", math.nan))
+    if math.isnan(T):
+        raise ValueError("the motion of this point has no period, and its response no harmonics")
+    t = probe["time"].values
+    whole = math.floor((t[-1] - max(t[0], float(series.attrs.get("ramped", 0.0)))) / T * (1 + 1e-9))
+    last = t > t[-1] - whole * T * (1 - 1e-9)
+    phase = 2 * np.pi * t[last] / T
+    most = min(int(series.attrs.get("harmonics") or MOST_ORDERS), (np.count_nonzero(last) // max(whole, 1) - 1) // 2)
+    if whole < 1 or most < 1:
+        raise ValueError(f"the outputs hold no whole period of {T:.4g} s after the ramps with three samples or more")
+    made = terms(most, phase)[0]
+    shown = min(most, MOST_ORDERS)
+    data: dict[str, Any] = {}
+    fields = {str(name): array.values for name, array in probe.data_vars.items()}
+    if "tension" in series:
+        fields = {"tension": series["tension"].values} | fields
+    for name, samples in fields.items():
+        values = samples[last].astype(float)
+        found = np.linalg.lstsq(made, values, rcond=None)[0]
+        about = {
+            "units": "N" if name == "tension" else "m",
+            "long_name": "amplitude of the " + ("tension at end B" if name == "tension" else "transverse displacement"),
+            "mean": float(found[0]) / math.sqrt(2),
+            "rest": float(np.std(values - made @ found) / max(np.std(values), 1e-300)),
+        }
+        data[name] = ("order", np.hypot(found[1 : 2 * shown : 2], found[2 : 2 * shown + 1 : 2]), about)
+    axis = ("order", np.arange(1, shown + 1), {"units": "1", "long_name": "multiple of the base frequency"})
+    return xr.Dataset(data, coords={"order": axis}, attrs=probe.attrs | {"periods": whole})
+
+
+def spectrum_or_orders(series: xr.Dataset) -> xr.Dataset:
+    """Harmonics where harmonic balance made the response; a spectrum of the whole run for any other."""
+    return orders(series) if series.attrs.get("method") == "harmonic" else spectrum(series)
+
+
+def loop_of(directory: str | Path, key: str) -> xr.Dataset:
+    """End tension and end displacement of a point over one period, by harmonic balance and by the time domain.
+
+    Returns
+    -------
+    dataset with ``tension`` and ``displacement`` (phase) of harmonic balance, ``march_tension`` and
+    ``march_displacement`` (march_period, phase) of the last periods of an explicit march, the last one last; what a
+    run does not give is left out, and the attributes ``harmonic`` and ``march`` say how each ended
+
+    Raises
+    ------
+    ValueError
+        Where the motion has no period, or neither run gives one.
+    """
+    return _of_point(Path(directory), key, f"{key}_loop", loop)
+
+
+def loop(point: Point) -> xr.Dataset:
+    """As :func:`loop_of`, of a point."""
+    scene, ask = point.scene, point.ask
+    T, reason = settled.period(scene)
+    if reason:
+        raise ValueError(f"no loop to draw: {reason}")
+    if T > ask.duration * (1 + 1e-9):
+        raise ValueError(f"no loop to draw: the run's {ask.duration:g} s hold no period of {T:.4g} s")
+    kept = max(1, min(LOOPS, int((ask.duration - max(settled.ramped(scene), 0.0)) / T + 1e-9)))
+    # a duration of whole periods must not fall short of its last output by rounding
+    grid = replace(ask, duration=ask.duration * (1 + 1e-12), interval=T / PER_PERIOD, perturbation=0.0)
+    found = xr.Dataset(attrs={"period": T, "devices": len(scene.devices)})
+    end = 0 if scene.end_b.motion is None else 1
+    for prefix, method, periods in (("", "harmonic", 1), ("march_", "explicit", kept)):
+        # outputs end with the run; the first of them is a multiple of the interval
+        start = max(0.0, ask.duration - (periods + 1.5 / PER_PERIOD) * T)
+        asked = replace(grid, method=method, output_from=start, step=None)
+        name = prefix.rstrip("_") or "harmonic"
+        try:
+            run = run_trusted(scene, asked).response
+        except CannotRepresent as error:
+            found.attrs[name] = " ".join(str(error).split())
+            continue
+        found.attrs[name] = f"{run.status.name}{': ' + run.message if run.message else ''}"
+        found.attrs[f"{name}_status"] = run.status.name
+        if len(run.t) <= periods * PER_PERIOD or run.t[-1] < ask.duration - 1.5 * grid.interval:
+            continue  # it ended early
+        pull, way = _at_end(run, scene, end)
+        dims = ("phase",) if method == "harmonic" else ("march_period", "phase")
+        for quantity, values, unit, meaning in (
+            ("tension", pull, "N", f"tension at end {'AB'[end]}"),
+            ("displacement", way, "m", f"displacement of end {'AB'[end]}"),
+        ):
+            last = values[-periods * PER_PERIOD - 1 :]
+            rows = np.stack([last[i * PER_PERIOD : (i + 1) * PER_PERIOD + 1] for i in range(periods)])
+            about = {"units": unit, "long_name": meaning}
+            found[prefix + quantity] = (dims, rows[0] if method == "harmonic" else rows, about)
+    if not found.data_vars:
+        raise ValueError(f"no loop to draw: harmonic balance gave {found.attrs['harmonic']}; "
+                         f"the time domain gave {found.attrs['march']}")  # fmt: skip
+    if "tension" in found and "march_tension" in found:  # both end at the same time
+        gap = float(np.abs(found["tension"] - found["march_tension"][-1]).max())
+        found.attrs["gap"] = gap / max(float(np.ptp(found["march_tension"].values)), 1e-300)
+    found.attrs["status"] = found.attrs.get("harmonic_status", "OK")
+    return found
+
+
+def _at_end(run: Response, scene: Scene, end: int) -> tuple[np.ndarray, np.ndarray]:
+    """Tension [N] at an end and its displacement along the direction in which it moves most [m]."""
+    which = (scene.end_a, scene.end_b)[end]
+    node = (0, -1)[end]
+    origin = run.signals["static_position"][node] if which.position is None else np.array(which.position)
+    way = run.signals["position"][:, node] - origin
+    axis = np.linalg.svd(way, full_matrices=False)[2][0]
+    axis = axis * (np.sign(axis[np.abs(axis).argmax()]) or 1.0)
+    return end_tension(run.signals["end_force"][:, end], which, (-1.0, 1.0)[end]), way @ axis
+
+
+# --------------------------------------------------------------------------- responses over a design variable
+
+
+def responses(directory: str | Path) -> xr.Dataset:
+    """Periodic responses along the study's first variable, by arclength, and the study's own rows.
+
+    A curve for each of up to six values of the other variables, in each of up to four environments. ``half_range`` is
+    that of the largest device stroke where there are devices that move, else of the tension at end B.
+
+    Returns
+    -------
+    dataset with ``parameter``, ``half_range``, ``stable``, ``trusted``, ``fold`` (panel, curve, along), NaN or False
+    past a curve's end; ``row_parameter``, ``row_half_range``, ``row_trusted`` (panel, curve, row) of the results;
+    ``others`` (curve) the values of the other variables, ``note`` (panel, curve) where a curve was not followed
+    through, ``environment`` (panel)
+
+    Raises
+    ------
+    ValueError
+        Where the study has no variable, or harmonic balance cannot serve its scene.
+    """
+    directory = Path(directory)
+    study, plan = study_of(directory), read_plan(directory / "plan.json")
+    results = open_study(directory)
+    rows = hashlib.sha256(" ".join(map(str, results["status"].values.ravel())).encode()).hexdigest()
+    return _kept(directory / "series" / "response.nc", lambda: _responses(study, plan, results), rows=rows)
+
+
+def _responses(study: Study, plan: Plan, results: xr.Dataset) -> xr.Dataset:
+    if not study.variables:
+        raise ValueError("the study has no variable to follow a response along")
+    first, *others = study.variables
+    tests = [value for _, value in study.variables[first].tests]
+    low, high = min(tests), max(tests)
+    if not low < high:
+        raise ValueError(f"`{first}` has one value, and a response is followed along a range")
+    combinations = sorted({tuple(design[name] for name in others) for design in plan.designs})
+    picks = np.unique(np.linspace(0, len(combinations) - 1, min(CURVES, len(combinations))).round().astype(int))
+    chosen = [combinations[i] for i in picks]
+    panels = min(len(plan.environments), PANELS)
+    moving = any(device.kind not in ("mass", "buoy", "locked") for device in study.scene.devices)
+    curves: dict[tuple[int, int], tuple[ResponseCurve | None, str]] = {}
+    for panel in range(panels):
+        for k, values in enumerate(chosen):
+            fixed = dict(zip(others, values, strict=True))
+            on = [i for i, design in enumerate(plan.designs) if all(design[n] == v for n, v in fixed.items())]
+            used = results["harmonics"].values.reshape(len(plan.designs), -1)[on, panel]
+            harmonics = study.ask.harmonics or int(np.clip(used.max(initial=0), *HARMONICS))
+            curves[panel, k] = _followed(study, first, (low, high), fixed, panel, harmonics)
+    longest = max((len(c.parameter) for c, _ in curves.values() if c is not None), default=0)
+    if not longest:
+        raise ValueError(f"no response could be followed: {next(iter(curves.values()))[1]}")
+    shape = (panels, len(chosen), longest)
+    parameter, half = np.full(shape, np.nan), np.full(shape, np.nan)
+    flags = {name: np.zeros(shape, dtype=np.int8) for name in ("stable", "trusted", "fold")}
+    for at, (curve, _) in curves.items():
+        if curve is None:
+            continue
+        n = len(curve.parameter)
+        parameter[at][:n] = curve.parameter
+        half[at][:n] = curve.stroke.max(axis=1) if moving else np.ptp(curve.tension, axis=1) / 2
+        for name, values in flags.items():
+            values[at][:n] = getattr(curve, name)
+    rows = _rows(plan, results, first, others, chosen, panels, moving)
+    unit = results[first].attrs.get("units", "1") if first in results else "1"
+    meaning = "stroke, half range" if moving else "tension at end B, half range"
+    about = {"units": "m" if moving else "N", "long_name": meaning}
+    dims, row_dims = ("panel", "curve", "along"), ("panel", "curve", "row")
+    names = [", ".join(f"{n} = {v:.4g}{_unit_of(results, n)}" for n, v in zip(others, c, strict=True)) for c in chosen]
+    return xr.Dataset(
+        {
+            "parameter": (dims, parameter, {"units": unit, "long_name": first}),
+            "half_range": (dims, half, about),
+            **{name: (dims, values) for name, values in flags.items()},
+            "row_parameter": (row_dims, rows[0], {"units": unit, "long_name": first}),
+            "row_half_range": (row_dims, rows[1], about),
+            "row_trusted": (row_dims, rows[2].astype(np.int8)),
+            "row_failed": (row_dims, rows[3].astype(np.int8)),
+            "others": ("curve", np.array(names, dtype=object)),
+            "note": (dims[:2], np.array([[curves[p, k][1] for k in range(shape[1])] for p in range(panels)], object)),
+            "environment": ("panel", np.array(plan.environments[:panels], dtype=object)),
+        },
+        attrs={"study": study.name, "curves_of": len(combinations), "panels_of": len(plan.environments)},
+    )
+
+
+def _unit_of(results: xr.Dataset, name: str) -> str:
+    unit = results[name].attrs.get("units", "1") if name in results else "1"
+    return "" if unit in ("1", "") else f" {unit}"
+
+
+def _followed(
+    study: Study,
+    first: str,
+    limits: tuple[float, float],
+    fixed: Mapping[str, float],
+    environment: int,
+    harmonics: int,
+) -> tuple[ResponseCurve | None, str]:
+    """The response along a variable, from its least value or, where none is found there, from its greatest."""
+    ask = Ask(
+        duration=1.0, model=study.ask.model, segments=study.ask.segments, accuracy=study.ask.accuracy,
+        tolerance=study.ask.tolerance if study.ask.method == "harmonic" else None, harmonics=harmonics,
+    )  # fmt: skip
+
+    def scene_at(value: float) -> Scene:
+        return design_scene(study, {**fixed, first: value}, environment)
+
+    for start, stop in (limits, limits[::-1]):
+        try:
+            curve = response_curve(scene_at, start, stop, ask, most_points=MOST_POINTS)
+        except CannotRepresent as error:
+            return None, " ".join(str(error).split())
+        if len(curve.parameter):
+            break
+    return (curve if len(curve.parameter) else None), curve.message
+
+
+def _rows(
+    plan: Plan, results: xr.Dataset, first: str, others: Sequence[str], chosen: Sequence[tuple[float, ...]],
+    panels: int, moving: bool,
+) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:  # fmt: skip
+    """The rows on each curve: values of the first variable, half ranges, trusted, failed; (panel, curve, row)."""
+    on = [[i for i, d in enumerate(plan.designs) if tuple(d[n] for n in others) == values] for values in chosen]
+    shape = (panels, len(chosen), max(len(found) for found in on))
+    x, y = np.full(shape, np.nan), np.full(shape, np.nan)
+    trusted, failed = np.zeros(shape, dtype=bool), np.zeros(shape, dtype=bool)
+    size = len(plan.designs)
+
+    def column(name: str) -> np.ndarray:
+        return results[name].values.reshape(size, -1)
+
+    half = column("stroke") / 2 if moving else (column("peak_tension_top") - column("least_tension_top")) / 2
+    status = column("status")
+    for panel in range(panels):
+        for k, found in enumerate(on):
+            for r, i in enumerate(found):
+                x[panel, k, r], y[panel, k, r] = plan.designs[i][first], half[i, panel]
+                trusted[panel, k, r] = outcome(str(status[i, panel])) == "trusted"
+                failed[panel, k, r] = outcome(str(status[i, panel])) == "failed"
+    return x, y, trusted, failed
 
 
 # --------------------------------------------------------------------------- force laws

@@ -471,6 +471,56 @@ def test_a_scene_that_includes_itself(tmp_path):
     assert "includes itself" in file_mistake(tmp_path, "scene: loop.yaml\nask: {duration: 1}")
 
 
+# --------------------------------------------------------------------------- harmonic balance
+
+SHAKEN = {"harmonics": [{"amplitude": [0.01, 0, 0], "frequency": 1.0}]}
+SECOND = {"amplitude": [0, 0, 0.01], "frequency": 2.0}
+
+
+def shaken(**changes):
+    """The study under harmonic balance, its sink without a dead band."""
+    usual = {"scene__end_b__motion": SHAKEN, "scene__devices__0__law": "springs", "ask__method": "harmonic"}
+    return study(**(usual | changes))
+
+
+def test_a_periodic_study():
+    assert parse_study(shaken()).ask.method == "harmonic"
+    late = shaken(scene__end_b__motion=SHAKEN | {"window": {"ramp_up": 1.5}}, ask__output_from=0.5)
+    assert parse_study(late).ask.output_from == 0.5  # before the ramp's end: the rows show the settled response anyway
+
+
+@pytest.mark.parametrize(
+    ("changes", "words"),
+    [
+        ({"scene__end_b__motion": None}, "nothing moves"),
+        ({"scene__end_b__motion": SHAKEN | {"window": {"stop": 1.0}}}, "stops at 1 s"),
+        ({"scene__devices__0__law": "cords"}, "devices[0].law: cords in tension only leave a dead band"),
+        ({"scene__start": {"kind": "released"}}, "start.kind: released begins a transient"),
+        ({"scene__end_b__motion": {"harmonics": [*SHAKEN["harmonics"], SECOND]}, "ask__harmonics": 1}, "is 2 times"),
+    ],
+)
+def test_harmonic_balance_says_what_it_cannot_serve(changes, words):
+    text = one(shaken(**changes), "ask.method")
+    assert words in text
+    assert "ask.method = 'harmonic'" in text
+    assert "`method: explicit`" in text
+
+
+def test_harmonic_balance_among_other_mistakes():
+    found = mistakes(study(ask__method="harmonic", sampler__n=0, objectives=["delta", "gama"]))
+    assert set(found) == {"ask.method", "sampler.n", "objectives[1]"}
+
+
+def test_environments_that_harmonic_balance_cannot_serve():
+    """The device's law stands in the environments: only one of them leaves a dead band."""
+    rough = {"name": "cords", "set": {"devices[0].law": "cords"}}
+    text = one(shaken(environments=[{"name": "springs"}, rough]), "ask.method")
+    assert "in cords: devices[0].law" in text
+    mended = shaken(environments=[{"name": "springs", "set": {"devices[0].law": "springs"}}])
+    mended["scene"]["devices"][0]["law"] = "cords"
+    parse_study(mended)
+
+
 # --------------------------------------------------------------------------- paths and expressions
 
 

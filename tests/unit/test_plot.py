@@ -14,7 +14,7 @@ from matplotlib.figure import Figure
 from sweep import plot
 from sweep.labels import STYLE, label, metric_label, symbol
 from sweep.plot import PLOTS, plot_ea, plot_front, plot_parallel, points_of, save_plot
-from sweep.series import force_laws, spectrum, wavelet
+from sweep.series import force_laws, orders, spectrum, wavelet
 
 SENTENCE = re.compile(r"^[^\n]{10,200}$")
 
@@ -59,6 +59,7 @@ def series(**attrs):
         "arc": ("node", arc, metre),
         "depth": ("node", 20 - arc, metre),
         "displacement": (("time", "node"), 0.5 * x, metre),
+        "tension": ("time", 5e3 + 2e3 * np.sin(4 * np.pi * t) + 30 * np.cos(8 * np.pi * t), {"units": "N"}),
         "baseline_arc": ("baseline_node", arc, metre),
         "baseline_displacement": (("time", "baseline_node"), x, metre),
         "stroke": (("time", "device"), stroke, metre),
@@ -81,7 +82,60 @@ def series(**attrs):
     return xr.Dataset(data, coords={"time": ("time", t, {"units": "s"})}, attrs=about | attrs)
 
 
-DATA = {"wavelet": lambda: wavelet(series()), "spectrum": lambda: spectrum(series())}
+def loops(**changes):
+    """A loop of harmonic balance and two of a march, that nearly agree."""
+    phase = np.linspace(0, 2 * np.pi, 101)
+    way, pull = 0.02 * np.sin(phase), 5e3 + 2e3 * np.cos(phase + 0.3)
+    metre = {"units": "m", "long_name": "displacement of end B"}
+    newton = {"units": "N", "long_name": "tension at end B"}
+    data = {
+        "displacement": ("phase", way, metre),
+        "tension": ("phase", pull, newton),
+        "march_displacement": (("march_period", "phase"), np.stack([0.9 * way, way]), metre),
+        "march_tension": (("march_period", "phase"), np.stack([pull, pull + 1]), newton),
+    }
+    about = {"period": 2.0, "harmonic_status": "OK", "march_status": "OK", "gap": 2.5e-4, "key": "abcd", "design": 3}
+    return xr.Dataset(data, attrs=about | {"harmonic": "OK", "march": "OK"} | changes)
+
+
+def response(panels=2, curves=3):
+    """Curves that bend over, unstable between their folds; the last one stops short."""
+    arc = np.linspace(0, 1, 61)
+    f = 1 + arc + 0.4 * np.sin(2 * np.pi * arc)
+    turns = np.zeros(61, dtype="i1")
+    turns[[21, 40]] = 1
+    shape = (panels, curves, 61)
+    size = np.arange(1, curves + 1)[:, None]
+    x = np.broadcast_to(f, shape).copy()
+    x[-1, -1, 50:] = np.nan
+    y = np.where(np.isnan(x), np.nan, 3e3 * size * np.exp(-((arc - 0.4) ** 2) / 0.05))
+    rows = (panels, curves, 5)
+    note = np.full((panels, curves), "", dtype=object)
+    note[-1, -1] = "the arc's step fell below 1e-05 at 1.8"
+    trusted = np.broadcast_to(np.array([1, 1, 0, 0, 1], dtype="i1"), rows)
+    about = {"units": "N", "long_name": "tension at end B, half range"}
+    hertz = {"units": "Hz", "long_name": "frequency"}
+    return xr.Dataset(
+        {
+            "parameter": (("panel", "curve", "along"), x, hertz),
+            "half_range": (("panel", "curve", "along"), y, about),
+            "stable": (("panel", "curve", "along"), np.broadcast_to(((arc < 0.35) | (arc > 0.65)).astype("i1"), shape)),
+            "trusted": (("panel", "curve", "along"), np.ones(shape, dtype="i1")),
+            "fold": (("panel", "curve", "along"), np.broadcast_to(turns, shape)),
+            "row_parameter": (("panel", "curve", "row"), np.broadcast_to(np.linspace(1, 2, 5), rows), hertz),
+            "row_half_range": (("panel", "curve", "row"), np.where(trusted, 1e3, np.nan), about),
+            "row_trusted": (("panel", "curve", "row"), trusted),
+            "row_failed": (("panel", "curve", "row"), np.broadcast_to(np.array([0, 0, 0, 1, 0], dtype="i1"), rows)),
+            "others": ("curve", np.array([f"amplitude = {0.1 * k:.4g} m" for k in range(curves)], dtype=object)),
+            "note": (("panel", "curve"), note),
+            "environment": ("panel", np.array(["hung", "touchdown"][:panels], dtype=object)),
+        },
+        attrs={"study": "shaken", "curves_of": 10, "panels_of": panels},
+    )
+
+
+DATA = {"loop": loops, "response": response}
+DATA |= {"wavelet": lambda: wavelet(series()), "spectrum": lambda: spectrum(series())}
 DATA |= dict.fromkeys(("front", "parallel", "ea"), study)
 DATA |= {"force-law": force_laws, "force-angle": lambda: force_laws((0.0, 5.0, 10.0))}
 
@@ -231,6 +285,59 @@ def test_nothing_to_draw_is_a_sentence(function, data, match):
 @pytest.mark.parametrize("kind", ["history", "stroke", "envelope", "gt", "energy"])
 def test_an_untrusted_history_says_so(kind):
     assert "untrusted: ENERGY_OPEN" in words(drawn(kind, series(status="ENERGY_OPEN")))
+
+
+def test_a_periodic_response_shows_its_harmonics():
+    """Two seconds hold four periods of 0.5 s; the tension has two harmonics and its mean, in kN."""
+    settled = {"period": 0.5, "method": "harmonic", "harmonics": 4, "ramped": 0.0, "status": "UNSTABLE"}
+    figure = drawn("spectrum", orders(series(**settled)))
+    text = words(figure)
+    for part in ("untrusted: UNSTABLE", "mean 5 kN", "2 Hz", "multiple of the base frequency", "not periodic"):
+        assert part in text
+    heights = [bar.get_height() for bar in figure.axes[0].patches]
+    assert heights[:2] == pytest.approx([2e3, 30.0])
+    assert max(heights[2:]) < 1e-5  # bars of nothing stand on a log axis
+    assert len(figure.axes[1].patches) == 8  # with devices and the baseline
+    figure.draw_without_rendering()
+
+
+def test_a_loop_says_how_its_runs_ended():
+    assert "0.025 % of the tension's range" in words(drawn("loop"))
+    found = loops(harmonic="no convergence of it", status="UNSTABLE", march_status="ENERGY_OPEN").drop_vars("tension")
+    text = words(drawn("loop", found))
+    assert "no harmonic: no convergence of it" in text
+    assert "last period (ENERGY_OPEN)" in text
+    assert "untrusted: UNSTABLE" in text
+    assert "displacement of end B [mm]" in text
+
+
+def test_a_response_shows_stability_folds_and_rows():
+    figure = drawn("response")
+    text = words(figure)
+    for part in ("18 of the 30 rows", "6 failed", "3 of 10 curves", "hung", "touchdown", "half range [kN]"):
+        assert part in text
+    lines = figure.axes[0].lines
+    assert {line.get_linestyle() for line in lines} == {"-", "--", "None"}
+    folds = [line for line in lines if line.get_marker() == "D"]
+    assert [len(line.get_xdata()) for line in folds] == [2, 2, 2]
+    assert sum(str(line.get_markerfacecolor()) == "white" for line in lines if line.get_marker() == "o") == 3
+    assert "not followed further" in text
+
+
+@pytest.mark.parametrize(("panels", "curves"), [(1, 1), (1, 6), (3, 2), (4, 6)])
+def test_responses_fit_their_paper(panels, curves):
+    names = ["one", "two", "three", "four"][:panels]
+    found = response(2, curves).isel(panel=[0, 1, 0, 1][:panels]).assign(environment=("panel", np.array(names, object)))
+    figure = drawn("response", found)
+    figure.draw_without_rendering()
+    box = figure.get_tightbbox()
+    assert box.x0 > -0.05
+    assert box.x1 < figure.get_size_inches()[0] + 0.05
+    assert all(ax.get_position().height > 0.2 for ax in figure.axes)
+
+
+def test_all_leaves_out_what_is_dear():
+    assert [name for name, entry in PLOTS.items() if entry.dear] == ["response"]
 
 
 @pytest.mark.parametrize("kind", ["history", "envelope"])
