@@ -116,7 +116,7 @@ def main() -> None:
             run = march(make(x), options.segments, "local")
             MODELS["local"] = default
             errors = (*compare(run, best), *compare(exact, best))
-            model = LocalModel(make(x), options.segments)
+            model = default.build(make(x), options.segments)
             guess, size = model.range_error(), float(np.ptp(settled(best)[0])) / 1e3
             least = float(best.signals["tension"].min()) / 1e3
             rows.setdefault(name, []).append((x, size, *errors, least, guess))

@@ -282,7 +282,7 @@ def run(scene: sc.Scene, ask: Ask, choice: Choice) -> Response:
 def output_grid(ask: Ask) -> np.ndarray:
     """Times of the output [s]."""
     grid = np.arange(int(ask.duration / ask.interval + 1e-9) + 1) * ask.interval
-    return np.ascontiguousarray(grid[grid >= ask.output_from * (1 - 1e-12)])
+    return np.minimum(grid[grid >= ask.output_from * (1 - 1e-12)], ask.duration)  # the product may round above it
 
 
 def settle(model: Any, ask: Ask, static: np.ndarray, common: dict[str, Any]) -> Response:
@@ -296,7 +296,7 @@ def settle(model: Any, ask: Ask, static: np.ndarray, common: dict[str, Any]) -> 
         cost = Cost(work.iterations, 0, work.evaluations, work.factorisations, time.perf_counter() - begun)
         q, v, force = settled.states(pack, orbit, harmonic.series(1, 64).phase)
         slack = "the line goes slack in what was found; " if model.slack(model.observe(q, v, force, static)) else ""
-        message = f"{orbit.message}; {slack}run the time domain (`method: explicit`)"
+        message = f"{orbit.message}; {slack}{REMEDY[orbit.status]}"
         return Response(status=orbit.status, message=message, cost=cost, **common)
     known = floquet.stability(pack, orbit)
     t = output_grid(ask)

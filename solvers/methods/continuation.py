@@ -171,7 +171,8 @@ def trace(
     Returns
     -------
     Branch
-        Points in order, folds among them; the status is OK when `stop` was reached.
+        Points in order, folds among them; the status is OK when `stop` was reached. A pair of folds within one step is
+        stepped over: `most_step` says how near they may be.
     """
     scale = abs(stop - start)
     pack, omega = problem(start)
@@ -229,14 +230,13 @@ def trace(
         orbit = put(X, p, tp)
         if harmonics is None and orbit.tail > tolerance and orbit.harmonics < 40:
             more = orbit.harmonics + max(2, orbit.harmonics // 3)
-            curve = _Curve(problem, rest, more, 8 * more, scale)
-            ok, X2 = newton(curve.at(p), padded(X, more), 20)
-            if ok:
-                X = X2
-                found = curve.tangent(X, p)
-                if found is not None:
-                    sign = 1.0 if tp * found[1] > 0 else -1.0
-                    tX, tp = sign * found[0], sign * found[1]
+            finer = _Curve(problem, rest, more, 8 * more, scale)
+            ok, X2 = newton(finer.at(p), padded(X, more), 20)
+            found = finer.tangent(X2, p) if ok else None
+            if found is not None:
+                curve, X = finer, X2
+                sign = 1.0 if tp * found[1] > 0 else -1.0
+                tX, tp = sign * found[0], sign * found[1]
         step = min(most_step, step * min(2.0, max(0.5, (WANTED + 1) / (used + 1))))
     return Branch(tuple(points), Status.TOO_MANY_STEPS, f"{most_points} points, at {p:.6g}")
 

@@ -305,3 +305,12 @@ def test_local_and_lumped_settle_alike_at_small_amplitude() -> None:
         gaps.append(float(np.abs(T[0] - T[1]).max() / np.ptp(T[1])))
     assert gaps[0] < 0.015
     assert gaps[1] / gaps[0] == pytest.approx(2.0, abs=0.1)
+
+
+@pytest.mark.parametrize("method", ["explicit", "harmonic"])
+def test_an_interval_that_rounds_above_the_duration(method: str) -> None:
+    """3 x 0.1 s is more than 0.3 s in floating point: the run ends well all the same, at 0.3 s."""
+    run = solve(rope(term(10.0, 0.01)), Ask(duration=0.3, interval=0.1, segments=12, method=method, accuracy=0.5))
+    assert len(run.t) == 4
+    assert run.t[-1] == 0.3
+    assert "stopped" not in run.message

@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable
 from dataclasses import replace
+from typing import Any
 
 import numpy as np
 import pytest
@@ -251,3 +252,22 @@ def test_a_scene_without_a_period_has_no_curve() -> None:
     stopped = replace(scene, end_b=replace(scene.end_b, motion=motion))
     with pytest.raises(CannotRepresent, match=r"harmonic: end_b\.motion\.window stops at 3 s"):
         response_curve(lambda _: stopped, 0.0, 1.0, Ask(segments=12))
+
+
+def test_harmonics_are_added_along_the_branch() -> None:
+    """A hardening spring driven harder and harder: the series grows with its estimated error, and the branch ends with
+    the response that a fresh start at the end finds."""
+    pack = oscillator(c=0.5, k1=1.0, k3=1.0, force=((0.1, 0.9, 0.0),))
+
+    def problem(force: float) -> tuple[Any, float]:
+        pack.amplitude[0] = force
+        return pack, 0.9
+
+    branch = continuation.trace(problem, 0.05, 3.0, np.zeros(1), tolerance=1e-5, with_stability=False)
+    assert branch.status == Status.OK, branch.message
+    used = [point.orbit.harmonics for point in branch.points]
+    assert used[-1] > used[0]
+    end = branch.points[-1].orbit
+    problem(3.0)
+    fresh = harmonic.periodic(pack, 0.9, np.zeros(1), 1e-9, start=end)
+    assert harmonic.padded(fresh.X, end.harmonics) == pytest.approx(end.X, abs=1e-4)
