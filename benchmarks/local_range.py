@@ -85,9 +85,9 @@ def draw(rows: dict[str, list[tuple[float, ...]]], path: Path) -> None:
     for ax, (name, table) in zip(axes, rows.items(), strict=True):
         x, _, tension, shape, tension_s, shape_s, _, guess = np.abs(np.array(table)).T
         for y, label, style in (
-            (tension, "end tension, peak to peak", "o-"), (shape, "displacement, rms", "s-"),
+            (tension, "end tension, as printed", "o-"), (shape, "displacement, as printed", "s-"),
             (tension_s, "end tension, with (1 + es)", "o:"), (shape_s, "displacement, with (1 + es)", "s:"),
-            (guess, "range_error, estimated", "k--"),
+            (guess, "estimate", "k--"),
         ):  # fmt: skip
             ax.loglog(x, y, style, label=label)
         ax.set(title=name, xlabel="fairlead surge [m]", ylabel="relative error")

@@ -765,6 +765,8 @@ def periodic(
             balance, kept = kept, None
             balance.work = work
             balance.move(pack, omega)
+            if balance.samples != max(8 * H, 32):
+                balance.resample(max(8 * H, 32))
             converged, X = carried(balance, padded(X, H))
         else:
             balance = Balance(pack, omega, H, max(8 * H, 32), reach, work)
