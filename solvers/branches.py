@@ -16,7 +16,7 @@ from .methods import continuation
 from .methods.continuation import Branch
 from .methods.harmonic import series
 from .model import Ask, CannotRepresent, Status
-from .motion import motion_pack
+from .motion import motion_pack, top_omega
 
 SAMPLES = 96  # of a period, for the extremes
 
@@ -32,7 +32,7 @@ class ResponseCurve:
     stroke: np.ndarray  # (n, nd) half range of each device [m]
     multiplier: np.ndarray  # (n,) size of the largest Floquet multiplier
     stable: np.ndarray  # (n,) bool
-    trusted: np.ndarray  # (n,) bool: the estimated error of the series is below the tolerance
+    trusted: np.ndarray  # (n,) bool: series long enough, mesh fine enough, line within its range
     fold: np.ndarray  # (n,) bool: turning points
     branch: Branch
     status: Status  # OK when the whole range was followed
@@ -65,7 +65,8 @@ def response_curve(
     reason = settled.why_not(first)
     if reason:
         raise CannotRepresent(f"harmonic: {reason}")
-    choice = cheapest(first, replace(ask, method="harmonic", duration=max(ask.duration, 1.0)))
+    asked = replace(ask, method="harmonic", duration=max(ask.duration, 1.0))
+    choice = max((cheapest(scene, asked) for scene in (first, scene_at(stop))), key=lambda choice: choice.segments)
     limp = not bending_matters(first, choice.segments)
 
     def made(value: float) -> sc.Scene:
@@ -75,6 +76,13 @@ def response_curve(
     base = made(start)
     model = MODELS[choice.model].build(base, choice.segments)
     settled.at_home(model)
+    for value in (start, stop):
+        error = MODELS[choice.model].build(made(value), choice.segments).range_error()
+        if not error <= ask.accuracy:
+            raise CannotRepresent(
+                f"{choice.model} is for small motion: at {value:g} its estimated error is {error:.2g}, "
+                f"above `accuracy` {ask.accuracy:g}"
+            )
     status, static, note = static_state(model)
     if status != Status.OK:
         raise CannotRepresent(f"no static state at the start: {note}")
@@ -98,6 +106,7 @@ def response_curve(
     n = len(points)
     displacement, tension, omega = np.zeros(n), np.zeros((n, 2)), np.zeros(n)
     stroke = np.zeros((n, len(base.devices)))
+    trusted = np.zeros(n, dtype=bool)
     phase = series(1, SAMPLES).phase
     for k, point in enumerate(points):
         pack = problem(point.parameter)[0]
@@ -107,10 +116,14 @@ def response_curve(
         tension[k] = force.min(), force.max()
         stroke[k] = np.ptp(signals["stroke"], axis=0) / 2
         omega[k] = point.orbit.omega
+        scene = made(point.parameter)
+        model.omega = top_omega([end for end in (scene.end_a, scene.end_b) if end.kind != "free"])
+        sound = model.guards(static)[0] == Status.OK and model.validity(signals)[0] == Status.OK
+        trusted[k] = sound and point.orbit.tail <= tolerance
     return ResponseCurve(
         parameter=branch.parameters, omega=omega, displacement=displacement, tension=tension, stroke=stroke,
         multiplier=np.array([math.nan if p.stability is None else p.stability.largest for p in points]),
-        stable=branch.stable, trusted=np.array([p.orbit.tail <= tolerance for p in points], dtype=bool),
+        stable=branch.stable, trusted=trusted,
         fold=np.array([p.fold for p in points], dtype=bool), branch=branch, status=branch.status,
         message=branch.message,
     )  # fmt: skip

@@ -181,6 +181,8 @@ def cheapest(scene: sc.Scene, ask: Ask) -> Choice:
         why = f"{how}; {why}"
     if method == "harmonic":
         reason = settled.why_not(scene, ask.harmonics)
+        if ask.step is not None:
+            reason = "step: a settled response is not marched"
         if reason:
             raise CannotRepresent(f"harmonic: {reason}; methods that can: {', '.join(MARCHES)}")
     if METHODS[method].adaptive is False and ask.step is None and ask.duration > 0:
@@ -247,15 +249,9 @@ def run(scene: sc.Scene, ask: Ask, choice: Choice) -> Response:
         raise CannotRepresent(
             f"{choice.method} needs the verbs {', '.join(missing)}, which {choice.model} lacks"
         )
-    if ask.duration > 0 and F.MOTION in needs(scene):
-        small = model.range_error()
-        if not small <= ask.accuracy:
-            able = ", ".join(name for name, line in MODELS.items() if F.LARGE_MOTION in line.features)
-            raise CannotRepresent(
-                f"{choice.model} is for small motion: that of the ends makes an estimated error of {small:.2g} of the "
-                f"tension's range, above `accuracy` {ask.accuracy:g}; models that can: {able}"
-            )
-        choice = choice._replace(error=float(np.nanmax([choice.error, small])))
+    small = model.range_error() if ask.duration > 0 else 0.0
+    _in_range(choice.model, small, "that of the ends", ask)
+    choice = choice._replace(error=float(np.nanmax([choice.error, small])))
     common: dict[str, Any] = {
         "model": choice.model, "method": choice.method, "segments": choice.segments, "reason": choice.reason,
         "estimated_error": choice.error,
@@ -271,12 +267,23 @@ def run(scene: sc.Scene, ask: Ask, choice: Choice) -> Response:
         q, v = static.copy(), np.zeros_like(static)
     if status != Status.OK:
         return Response(status=status, message=f"{note}; {REMEDY[status]}", **common)
+    _in_range(choice.model, model.drift_error(static), "the drift in the current", ask)
     if periodic:
         return settle(model, ask, static, common)
     if ask.perturbation > 0:
         draw = np.random.default_rng(ask.seed)
         v += ask.perturbation * draw.standard_normal(len(v))
     return march(model, ask, choice, static, q, v, common)
+
+
+def _in_range(model: str, error: float, what: str, ask: Ask) -> None:
+    """Raises CannotRepresent where a small-motion line would have to move too far."""
+    if not error <= ask.accuracy:
+        able = ", ".join(name for name, line in MODELS.items() if F.LARGE_MOTION in line.features)
+        raise CannotRepresent(
+            f"{model} is for small motion: {what} makes an estimated error of {error:.2g} of the tension's range, "
+            f"above `accuracy` {ask.accuracy:g}; models that can: {able}"
+        )
 
 
 def output_grid(ask: Ask) -> np.ndarray:
@@ -301,8 +308,8 @@ def settle(model: Any, ask: Ask, static: np.ndarray, common: dict[str, Any]) -> 
     if orbit.status not in (Status.OK, Status.FEW_HARMONICS):
         cost = Cost(work.iterations, 0, work.evaluations, work.factorisations, time.perf_counter() - begun)
         q, v, force = settled.states(pack, orbit, harmonic.series(1, 64).phase)
-        slack = "the line goes slack in what was found; " if model.slack(model.observe(q, v, force, static)) else ""
-        message = f"{orbit.message}; {slack}{REMEDY[orbit.status]}"
+        slack = "the line is slack in the last iterate; " if model.slack(model.observe(q, v, force, static)) else ""
+        message = f"{orbit.message}; {slack}run the time domain (`method: explicit`)"
         return Response(status=orbit.status, message=message, cost=cost, **common)
     known = floquet.stability(pack, orbit)
     t = output_grid(ask)

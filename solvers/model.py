@@ -61,6 +61,13 @@ class Ask:
     perturbation: float = 0.0  # standard deviation of random initial velocities [m/s]: error bars of chaotic responses
     seed: int = 0  # of that perturbation
 
+    @property
+    def last(self) -> float:
+        """Last time of the output grid [s]."""
+        if not (self.interval > 0 and 0 <= self.duration < math.inf):
+            return math.inf
+        return min(int(self.duration / self.interval + 1e-9) * self.interval, self.duration)
+
     def __post_init__(self) -> None:
         """Raises ValueError that lists every field out of its range."""
         wrong = [f"{name} = {value!r}: {rule}" for name, value, ok, rule in (
@@ -71,7 +78,7 @@ class Ask:
             ("step", self.step, self.step is None or 0 < self.step < math.inf, "must be above 0 [s]"),
             ("rho", self.rho, 0 <= self.rho <= 1, "must be 0 to 1"),
             ("interval", self.interval, 0 < self.interval < math.inf, "must be above 0 [s]"),
-            ("output_from", self.output_from, 0 <= self.output_from <= self.duration, "must be 0 to the duration [s]"),
+            ("output_from", self.output_from, 0 <= self.output_from <= self.last, "must be 0 to the last output [s]"),
             ("harmonics", self.harmonics, self.harmonics is None or 1 <= self.harmonics <= 200, "must be 1 to 200"),
             ("max_steps", self.max_steps, self.max_steps >= 1, "must be 1 or more"),
             ("perturbation", self.perturbation, 0 <= self.perturbation < math.inf, "must be 0 or more [m/s]"),
@@ -138,6 +145,7 @@ class Model(Protocol):
     def observe(self, q: np.ndarray, v: np.ndarray, force: np.ndarray, static: np.ndarray) -> dict[str, np.ndarray]: ...
     def slack(self, signals: dict[str, np.ndarray]) -> bool: ...  # does a section without compression go slack?
     def validity(self, signals: dict[str, np.ndarray]) -> tuple[Status, str]: ...  # OK, or how the run left its range
+    def drift_error(self, static: np.ndarray) -> float: ...  # the same of its static state
     def range_error(self) -> float: ...  # estimated relative error of the line's kinematics in the scene's motion
     def fastest(self, static: np.ndarray) -> dict[str, float]: ...
     def guards(self, static: np.ndarray) -> tuple[Status, str, float]: ...

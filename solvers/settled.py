@@ -25,7 +25,8 @@ LEDGER_SAMPLES = 256  # of a period at least
 
 def period(scene: sc.Scene) -> tuple[float, str]:
     """Period of a scene's motion once its ramps are over [s], or NaN and the reason why it has none."""
-    frequencies = []
+    frequencies: list[float] = []
+    moving: list[float] = []
     for name, end in (("end_a", scene.end_a), ("end_b", scene.end_b)):
         motion = end.motion
         if motion is None:
@@ -36,8 +37,10 @@ def period(scene: sc.Scene) -> tuple[float, str]:
         if motion.window is not None and motion.window.stop is not None:
             return math.nan, f"{name}.motion.window stops at {motion.window.stop:g} s: transient motion"
         frequencies += [h.frequency for h in motion.harmonics]
+        moving += [h.frequency for h in motion.harmonics if any(h.amplitude)]
     if not frequencies:
         return math.nan, "nothing moves: no period"
+    frequencies = moving or frequencies[:1]  # a term without amplitude has no say
     least = min(frequencies)
     ratios = [Fraction(f / least).limit_denominator(MOST_HARMONIC) for f in frequencies]
     common = math.lcm(*(r.denominator for r in ratios))
@@ -54,7 +57,7 @@ def why_not(scene: sc.Scene, harmonics: int | None = None) -> str:
     if reason:
         return reason
     motions = [end.motion for end in (scene.end_a, scene.end_b) if end.motion]
-    top = round(length * max(h.frequency for motion in motions for h in motion.harmonics))
+    top = round(length * max((h.frequency for m in motions for h in m.harmonics if any(h.amplitude)), default=0.0))
     if harmonics is not None and harmonics < top:
         return f"harmonics: {harmonics}, but the motion's highest frequency is {top} times the common one"
     if scene.start.kind != "static":

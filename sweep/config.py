@@ -604,8 +604,9 @@ def _check_ask(draft: Draft) -> None:
             "asks for more than ten million output times",
             "give a longer interval or a shorter duration",
         )
-    if draft.sure("ask", "output_from") and ask.output_from > ask.duration:
-        draft.add("ask.output_from", ask.output_from, f"should be at most the duration, {ask.duration:g} s")
+    last = min(int(ask.duration / ask.interval + 1e-9) * ask.interval, ask.duration)
+    if draft.sure("ask", "output_from") and ask.output_from > last:
+        draft.add("ask.output_from", ask.output_from, f"should be at most the last output time, {last:g} s")
 
 
 def _check_metrics(draft: Draft) -> None:

@@ -188,7 +188,7 @@ def _evaluate(point: Point) -> tuple[Record, Response]:
     response = run.response
     summary = summarise(response, point.scene, settings)
     status, message = response.status.name, response.message
-    if response.status != Status.OK and REMEDY[response.status] not in message:
+    if response.status != Status.OK and REMEDY[response.status] not in message and "run the time" not in message:
         message = _join(message, REMEDY[response.status])
     if response.trusted and summary is None:
         status, message = "ERROR", "the run ended before the metrics' window"
@@ -247,7 +247,8 @@ def _spreads(
     spreads = {}
     for name in dict.fromkeys(stems):
         values = np.array([row.get(name, NAN) for row in rows])
-        good = len(rows) > 1 and bool(np.all(np.isfinite(values)))
+        # the settled response does not depend on the start: repeating it says nothing of its spread
+        good = response.method != "harmonic" and len(rows) > 1 and bool(np.all(np.isfinite(values)))
         spreads[f"{name}_spread"] = float(np.ptp(values)) / 2 if good else NAN
     return spreads
 

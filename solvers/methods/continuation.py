@@ -64,8 +64,11 @@ class Branch:
 class _Curve:
     """The balance as a function of (X, p)."""
 
-    def __init__(self, problem: Problem, rest: np.ndarray, harmonics: int, samples: int, scale: float) -> None:
-        self.problem, self.rest, self.harmonics, self.samples, self.scale = problem, rest, harmonics, samples, scale
+    def __init__(
+        self, problem: Problem, rest: np.ndarray, harmonics: int, samples: int, low: float, high: float
+    ) -> None:
+        self.problem, self.rest, self.harmonics, self.samples = problem, rest, harmonics, samples
+        self.low, self.high, self.scale = low, high, high - low
         self.work = Work()
         self.balance: Balance
         self.p = math.nan
@@ -84,11 +87,11 @@ class _Curve:
         return self.balance
 
     def by_parameter(self, X: np.ndarray, p: float) -> np.ndarray:
-        """dR/dp by central differences."""
-        d = DIFFERENCE * self.scale
-        high = self.at(p + d).residual(X)
-        low = self.at(p - d).residual(X)
-        return (high - low) / (2 * d)
+        """dR/dp by central differences, one-sided at the limits: beyond them there may be no scene."""
+        up, down = (min(max(p + d * self.scale, self.low), self.high) for d in (DIFFERENCE, -DIFFERENCE))
+        high = self.at(up).residual(X)
+        low = self.at(down).residual(X)
+        return (high - low) / (up - down)
 
     def size(self, X: np.ndarray) -> float:
         """What changes of X are measured against: its swing, and a little of its mean."""
@@ -114,6 +117,8 @@ class _Curve:
         """Newton from a prediction, normal to the tangent: (corrections or 0, X, p, new tangent)."""
         size, before = self.size(X), math.inf
         for k in range(MOST_CORRECTIONS):
+            if not self.low <= p <= self.high:
+                break
             Rp = self.by_parameter(X, p)
             balance = self.at(p)
             R = balance.residual(X)
@@ -174,12 +179,14 @@ def trace(
         Points in order, folds among them; the status is OK when `stop` was reached. A pair of folds within one step is
         stepped over: `most_step` says how near they may be.
     """
-    scale = abs(stop - start)
+    if start == stop:
+        raise ValueError(f"a branch needs a range: start and stop are both {start:g}")
+    low, high = min(start, stop), max(start, stop)
     pack, omega = problem(start)
     first = begin or periodic(pack, omega, rest, tolerance, harmonics)
     if first.status not in (Status.OK, Status.FEW_HARMONICS):
         return Branch((), first.status, first.message)
-    curve = _Curve(problem, rest, first.harmonics, max(8 * first.harmonics, 32), scale)
+    curve = _Curve(problem, rest, first.harmonics, max(8 * first.harmonics, 32), low, high)
     X, p = first.X, start
     curve.at(p)
     found = curve.tangent(X, p)
@@ -200,11 +207,13 @@ def trace(
         return orbit
 
     put(X, p, tp)
-    low, high = min(start, stop), max(start, stop)
     while len(points) < most_points:
         size = curve.size(X)
         X1, p1 = X + step * tX, p + step * tp
-        used, X1, p1, sX, sp = curve.correct(X1, p1, tX, tp)
+        inside = low <= p1 <= high
+        used, sX, sp = 1, tX, tp
+        if inside:
+            used, X1, p1, sX, sp = curve.correct(X1, p1, tX, tp)
         turned = used and curve.inner(sX, sp, tX, tp, size) < 0.5  # by more than 60 degrees: the step jumped a bend
         if not used or turned:
             step *= 0.4
@@ -217,6 +226,9 @@ def trace(
             share = (end - p) / (p1 - p)
             balance = curve.at(end)
             ok, X2 = newton(balance, X + share * (X1 - X), 20)
+            if not ok and step > LEAST_STEP:
+                step *= 0.4
+                continue
             if not ok:
                 return Branch(tuple(points), Status.NO_CONVERGENCE, f"the last point, at {end:.6g}, was not found")
             put(X2, end, sp)
@@ -230,7 +242,7 @@ def trace(
         orbit = put(X, p, tp)
         if harmonics is None and orbit.tail > tolerance and orbit.harmonics < 40:
             more = orbit.harmonics + max(2, orbit.harmonics // 3)
-            finer = _Curve(problem, rest, more, 8 * more, scale)
+            finer = _Curve(problem, rest, more, 8 * more, low, high)
             ok, X2 = newton(finer.at(p), padded(X, more), 20)
             found = finer.tangent(X2, p) if ok else None
             if found is not None:

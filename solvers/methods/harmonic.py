@@ -6,7 +6,8 @@ sampled over a period and projected on the terms (alternating frequency-time). I
 with term b of dof j through the Fourier coefficients of K(t), C(t), M(t) up to order 2H: Toeplitz plus Hankel
 blocks. Blocks couple neighbours along the cable only, so one LU costs the number of nodes.
 
-Discrete sums are exact for these products, so that the blocks are the exact derivative of the sampled residual.
+Discrete sums are exact for these products, so that the blocks are the exact derivative of a residual sampled at the
+same times; the residual itself is sampled at more.
 Samples alias what lies above their count: `Balance.error` samples again at twice as many times and says what it finds
 there in the units of the solution, as it does for the harmonics that the series leaves out.
 """
@@ -43,6 +44,7 @@ LEAST_SHARE = 1e-3  # of the amplitude: smallest step of the continuation from r
 SMALL = 64  # rows of a block up to which its solution is compiled here, not LAPACK's
 FEWEST = 12  # times of a period that a mean tangent needs
 MOST_SAMPLES = 4096  # of a period
+MOST_MISSED = 2  # rungs of the ladder that may fail
 MOST_FALLS = 10  # failed steps of that continuation
 MOST_FALLBACK = 20_000  # unknowns up to which Levenberg-Marquardt is tried
 
@@ -758,7 +760,7 @@ def periodic(
     else:
         X = np.zeros((len(rest), 2 * ladder[0] + 1))
         X[:, 0] = math.sqrt(2) * rest
-    found = Orbit(Status.NO_CONVERGENCE, "", omega, X, work=work)
+    found, missed = Orbit(Status.NO_CONVERGENCE, "", omega, X, work=work), 0
     for tries, H in enumerate(ladder):
         lost, converged = found.status != Status.OK, False
         if kept is not None and kept.serves(pack, H):
@@ -779,6 +781,9 @@ def periodic(
         if not converged and lost:
             note = f"no periodic response found from rest with up to {H} harmonics"
             return Orbit(Status.NO_CONVERGENCE, note, omega, X, work=work)
+        if not converged and missed < MOST_MISSED and tries + 1 < len(ladder):  # a longer series may be easier
+            missed, X = missed + 1, found.X
+            continue
         if not converged:
             note = f"no convergence with {H} harmonics; {found.harmonics} leave an estimated error of {found.tail:.1e}"
             return Orbit(Status.FEW_HARMONICS, note, omega, found.X, found.tail, found.unseen, work, found.balance)

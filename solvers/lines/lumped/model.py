@@ -274,6 +274,10 @@ class LumpedModel:
         """Nothing that a run does leaves this line's range."""
         return Status.OK, ""
 
+    def drift_error(self, static: np.ndarray) -> float:
+        """Estimated relative error of the line's kinematics in a static state: exact here."""
+        return 0.0
+
     def range_error(self) -> float:
         """Estimated relative error of the line's kinematics: exact here."""
         return 0.0
