@@ -16,6 +16,7 @@ from solvers import (
     Ask,
     CannotRepresent,
     CubicNES,
+    Current,
     End,
     Harmonic,
     Motion,
@@ -29,6 +30,7 @@ from solvers import (
     Table,
     Water,
     Window,
+    response_curve,
     settled,
     solve,
 )
@@ -268,7 +270,7 @@ def test_output_from_only_trims() -> None:
 @pytest.mark.parametrize(
     ("change", "words"),
     [
-        ({"output_from": 2.5}, "output_from = 2.5: must be 0 to the duration"),
+        ({"output_from": 2.5}, "output_from = 2.5: must be 0 to the last output"),
         ({"output_from": -0.1}, "output_from = -0.1: must be 0"),
         ({"harmonics": 0}, "harmonics = 0: must be 1 to 200"),
         ({"harmonics": 201}, "harmonics = 201: must be 1 to 200"),
@@ -314,3 +316,78 @@ def test_an_interval_that_rounds_above_the_duration(method: str) -> None:
     assert len(run.t) == 4
     assert run.t[-1] == 0.3
     assert "stopped" not in run.message
+
+
+def shaken(stretch: float, slow: float = 1e-4) -> Scene:
+    """A taut cable in air whose end moves along it at twice its first frequency, and a little at a twelfth of that."""
+    length, mass, EA = 50.0, 10.0, 1e6
+    f = math.sqrt(0.01 * EA / mass) / (2 * length)
+    cable = Section(length=length, d=0.05, mass=mass, EA=EA, BA=2e3, compression=True)
+    along = (Harmonic(amplitude=(0, 0, stretch), frequency=2 * f), Harmonic(amplitude=(0, 0, slow), frequency=f / 6))
+    return Scene(
+        cable=(cable,), end_a=End(kind="pinned", position=(0, 0, -1.01 * length)), g=0.01,
+        end_b=End(kind="pinned", position=(0, 0, 0), motion=Motion(harmonics=along)),
+    )  # fmt: skip
+
+
+def test_parametric_resonance_is_unstable_and_auto_marches() -> None:
+    """Tension shaken at twice the first frequency: the straight line is a periodic response, and what disturbs it grows
+    by 1.243 a period, as in a march of 400 s. The period is twelve of the shaking, which the steps must resolve.
+    """
+    scene = shaken(0.02)
+    ask = Ask(duration=settled.period(scene)[0], segments=12, interval=0.1)
+    run = solve(scene, replace(ask, method="harmonic"))
+    assert run.status == Status.UNSTABLE
+    assert run.multiplier == pytest.approx(1.243, abs=0.003)
+    weak = solve(shaken(0.004), replace(ask, method="harmonic"))
+    assert weak.status == Status.OK
+    assert weak.multiplier == pytest.approx(1.0, abs=1e-3)
+    auto = solve(scene, ask)
+    assert auto.method == "dopri5"
+    assert "harmonic balance gave UNSTABLE" in auto.reason
+
+
+@pytest.mark.parametrize("speed", [1.0, 2.5])
+@pytest.mark.parametrize("duration", [0.0, 2.0])
+def test_local_is_refused_where_a_current_carries_it_off(speed: float, duration: float) -> None:
+    """The static shape of `local` is that without current: at 1 m/s the range of the tension is 24 % off."""
+    scene = replace(sagged(0.05), water=Water(current=Current(z=(0.0,), velocity=((speed, 0, 0),))))
+    with pytest.raises(CannotRepresent, match=r"local is for small motion: the drift in the current"):
+        solve(scene, Ask(duration=duration, segments=12, model="local", interval=0.1))
+
+
+def test_local_sees_the_whole_of_a_beat() -> None:
+    """Two terms that cancel at t = 0 add up half a beat later: the range is that of their sum."""
+    apart = (term(0.5, 0.4), term(0.55, 0.4, math.pi))
+    scene = replace(sagged(0.1), end_b=replace(sagged(0.1).end_b, motion=Motion(harmonics=apart)))
+    one = MODELS["local"].build(sagged(0.8), 12).range_error()
+    assert MODELS["local"].build(scene, 12).range_error() == pytest.approx(one, rel=1e-9)
+
+
+def test_a_branch_may_begin_where_its_field_does() -> None:
+    """Drag from 0: nothing is asked of the scene outside the range; a branch without range is a mistake."""
+    scene = sagged(0.05)
+
+    def at(value: float) -> Scene:
+        return replace(scene, cable=(replace(scene.cable[0], Cdt=value),))
+
+    curve = response_curve(at, 0.0, 0.3, Ask(duration=2.0, segments=12), with_stability=False)
+    assert curve.status == Status.OK, curve.message
+    assert curve.parameter[[0, -1]] == pytest.approx([0.0, 0.3])
+    with pytest.raises(ValueError, match="a branch needs a range"):
+        response_curve(at, 0.1, 0.1, Ask(duration=2.0, segments=12))
+
+
+def test_a_branch_trusts_no_coarse_mesh() -> None:
+    """Ten times the frequency on a mesh as asked: the points say that they are not to be trusted."""
+
+    def at(value: float) -> Scene:
+        return (
+            sagged(0.01)
+            if value == 0.5
+            else replace(sagged(0.01), end_b=replace(sagged(0.01).end_b, motion=Motion(harmonics=(term(value, 0.01),))))
+        )
+
+    curve = response_curve(at, 0.5, 5.0, Ask(duration=2.0, segments=12), with_stability=False)
+    assert curve.trusted[0]
+    assert not curve.trusted[-1]
