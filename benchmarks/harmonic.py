@@ -38,7 +38,7 @@ import sys
 import tempfile
 import time
 import warnings
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -47,6 +47,7 @@ import numpy as np
 import scipy
 from scipy.linalg import lu_factor, lu_solve
 from scipy.optimize import root
+from speed_moordyn import quiet
 
 from solvers import Ask, Scene, Status, catalogue, settled, solve
 from solvers.dispatch import call_accelerate, call_drive
@@ -498,24 +499,6 @@ def hot_and_cold(EA: float, options: argparse.Namespace, points: int) -> tuple[f
 
 
 # --------------------------------------------------------------------------- 4. MoorDyn
-
-
-@contextlib.contextmanager
-def quiet() -> Iterator[None]:
-    """MoorDyn talks below Python."""
-    sys.stdout.flush()
-    sys.stderr.flush()
-    kept = os.dup(1), os.dup(2)
-    nowhere = os.open(os.devnull, os.O_WRONLY)
-    os.dup2(nowhere, 1)
-    os.dup2(nowhere, 2)
-    try:
-        yield
-    finally:
-        for stream, old in zip((1, 2), kept, strict=True):
-            os.dup2(old, stream)
-            os.close(old)
-        os.close(nowhere)
 
 
 def moordyn_deck(scene: Scene, step: float) -> str:
