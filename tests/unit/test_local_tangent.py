@@ -6,6 +6,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from tangent_kit import check_tangent, dense
 
 from solvers import TMD, CannotRepresent, Current, End, Harmonic, Motion, Scene, Seabed, Section, Start, Status, Water
 from solvers.dispatch import KINETIC, N_ENERGIES, STRAIN, call_accelerate, call_energies, call_residual, call_tangent
@@ -27,15 +28,6 @@ def scene(*, bending: bool, flow: bool, **change) -> Scene:
     return Scene(**{"cable": cable, "water": Water(current=current), **ends, **change})
 
 
-def band(J: np.ndarray, bw: int) -> np.ndarray:
-    n = len(J)
-    out = np.zeros((n, n))
-    for i in range(n):
-        for j in range(max(0, i - bw), min(n, i + bw + 1)):
-            out[i, j] = J[i, bw + j - i]
-    return out
-
-
 def state(model: LocalModel, seed: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Displacements that strain the line by some 0.05, so that (1 + e)^1/2 shows, and fast motion."""
     draw = np.random.default_rng(seed)
@@ -49,23 +41,7 @@ def test_tangent_matches_differences(bending: bool, flow: bool) -> None:
     """To 1e-7 of each row's largest entry: central differences with steps of 1e-4 of a function that is piecewise
     quadratic but for (1 + e)^1/2, and linear in a."""
     model = LocalModel(scene(bending=bending, flow=flow), 11)
-    pack, n = model.pack, model.ndof
-    q, v, a = state(model, 3)
-    for cq, cv, ca, x, step in ((1, 0, 0, q, 1e-4), (0, 1, 0, v, 1e-4), (0, 0, 1, a, 1.0)):
-        J = np.full((n, 2 * pack.bw + 1), np.nan)
-        call_tangent(0.0, q, v, a, float(cq), float(cv), float(ca), pack, J)
-        analytic, numeric = band(J, pack.bw), np.zeros((n, n))
-        up, down = np.zeros(n), np.zeros(n)
-        for j in range(n):
-            keep = x[j]
-            x[j] = keep + step
-            call_residual(0.0, q, v, a, pack, up)
-            x[j] = keep - step
-            call_residual(0.0, q, v, a, pack, down)
-            x[j] = keep
-            numeric[:, j] = (up - down) / (2 * step)
-        worst = np.abs(analytic - numeric) / np.abs(analytic).max(axis=1, keepdims=True)
-        assert worst.max() < 1e-7
+    check_tangent(model.pack, *state(model, 3), (1e-4, 1e-4, 1.0), 1e-7)
 
 
 def test_strain_in_the_drag_is_in_the_tangent() -> None:
@@ -79,7 +55,7 @@ def test_strain_in_the_drag_is_in_the_tangent() -> None:
     way, up, down = np.random.default_rng(6).standard_normal(model.ndof), np.zeros(model.ndof), np.zeros(model.ndof)
     call_residual(0.0, q + 1e-5 * way, v, a, bare, up)
     call_residual(0.0, q - 1e-5 * way, v, a, bare, down)
-    slope = band(J, p.bw) @ way
+    slope = dense(J, p.bw) @ way
     assert np.abs(slope).max() > 1.0
     np.testing.assert_allclose((up - down) / 2e-5, slope, atol=1e-7 * np.abs(slope).max())
 
