@@ -44,6 +44,7 @@ from .scene import (  # noqa: E402
     Start,
     Stochastic,
     Table,
+    Turn,
     Water,
     Window,
 )
@@ -51,6 +52,7 @@ from .scene import (  # noqa: E402
 __all__ = [
     "BNES", "METHODS", "MODELS", "QUANTITIES", "SOURCE_HASH", "TMD", "Ask", "CannotRepresent", "Cost", "CubicNES",
     "Current", "End", "Feature", "Harmonic", "Motion", "PointMass", "Response", "ResponseCurve", "Scene", "Seabed",
-    "Section", "Start", "Status", "Stochastic", "Table", "Water", "Window", "needs", "response_curve", "solve",
+    "Section", "Start", "Status", "Stochastic", "Table", "Turn",
+    "Water", "Window", "needs", "response_curve", "solve",
     "warm_up",
 ]

@@ -53,3 +53,72 @@ def hold(J, bw, fixed):
         for j in range(max(0, i - bw), min(n - 1, i + bw) + 1):
             J[j, bw + i - j] = 0.0
         J[i, bw] = 1.0
+
+
+@kernel
+def factor_pivoting(J, bw, low, high, order, end, size):
+    """J -> L U in place with row exchanges, for saddle-point systems whose rows cannot be ordered to be stable without.
+
+    Parameters
+    ----------
+    low, high : (n,) int
+        Last row with an entry in each column, not decreasing; last column with an entry in each row.
+    order, end, size : (n,)
+        Filled: exchanges, last column of each row of U, and (scratch) the inverse of each row's largest entry.
+        bw must hold the fill: at least low - column plus high - row.
+    """
+    n = len(J)
+    for i in range(n):
+        end[i] = high[i]
+        largest = 0.0
+        for m in range(max(0, bw - i), bw + high[i] - i + 1):
+            if not (abs(J[i, m]) <= largest):
+                largest = abs(J[i, m])
+        if not (0.0 < largest < 1e300):
+            return False
+        size[i] = 1.0 / largest
+    for k in range(n):
+        p, best = k, -1.0
+        for i in range(k, low[k] + 1):
+            x = abs(J[i, bw + k - i]) * size[i]
+            if x > best:
+                p, best = i, x
+        if not (best > 1e-15):
+            return False
+        order[k] = p
+        if p != k:
+            for j in range(k, max(end[k], end[p]) + 1):
+                J[k, bw + j - k], J[p, bw + j - p] = J[p, bw + j - p], J[k, bw + j - k]
+            end[k], end[p] = end[p], end[k]
+            size[k], size[p] = size[p], size[k]
+        inverse = 1.0 / J[k, bw]
+        width = end[k] - k
+        for i in range(k + 1, low[k] + 1):
+            at = bw + k - i
+            f = J[i, at] * inverse
+            if f != 0.0:
+                J[i, at] = f
+                for m in range(1, width + 1):
+                    J[i, at + m] -= f * J[k, bw + m]
+                if end[i] < end[k]:
+                    end[i] = end[k]
+    return True
+
+
+@kernel
+def substitute_pivoting(J, bw, low, order, end, x):
+    """Solve with the factors of `factor_pivoting`, in place."""
+    n = len(J)
+    for k in range(n):
+        p = order[k]
+        if p != k:
+            x[k], x[p] = x[p], x[k]
+        s = x[k]
+        if s != 0.0:
+            for i in range(k + 1, low[k] + 1):
+                x[i] -= J[i, bw + k - i] * s
+    for i in range(n - 1, -1, -1):
+        s = x[i]
+        for j in range(i + 1, end[i] + 1):
+            s -= J[i, bw + j - i] * x[j]
+        x[i] = s / J[i, bw]

@@ -10,12 +10,12 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
+from . import adaptive, settled
 from . import scene as sc
-from . import settled
 from .catenary import catenary_of
 from .dispatch import GRAVITY, N_ENERGIES, STRAIN, call_energies, call_residual, has
 from .geometry import basis_of
-from .lines import local, lumped
+from .lines import local, lumped, rod
 from .methods import explicit, floquet, harmonic, implicit, statics
 from .methods.march import C_EVALUATIONS, C_FACTORS, C_REJECTED, C_STEPS, LEDGER, make_ends, make_output
 from .model import REMEDY, Ask, CannotRepresent, Cost, Feature, Response, Status
@@ -33,9 +33,10 @@ STEPS_PER_PERIOD = 12.0  # a fixed-step method needs this many in the shortest p
 class Line(NamedTuple):
     """An entry of the table of lines."""
 
-    build: Callable[[sc.Scene, int], Any]
+    build: Callable[..., Any]
     features: Feature
     meaning: str
+    constrained: bool = False  # rod family: constraints want an implicit time method, and `build` takes the Ask
 
 
 class Method(NamedTuple):
@@ -52,25 +53,44 @@ MODELS: dict[str, Line] = {
     "lumped": Line(
         lumped.build,
         F.BENDING | F.SEABED | F.DRAG | F.CURRENT | F.SLACK | F.DEVICE | F.FREE_DEVICE | F.ROD | F.MOTION | F.TRANSIENT
-        | F.PERIODIC | F.LARGE_MOTION | F.SPATIAL,
+        | F.PERIODIC | F.LARGE_MOTION | F.SPATIAL | F.DAMPING,
         "lumped masses joined by springs, planar or spatial, with devices (paper 003)",
     ),
     "local": Line(
         local.build,
-        F.BENDING | F.DRAG | F.CURRENT | F.SLACK | F.MOTION | F.TRANSIENT | F.PERIODIC,
+        F.BENDING | F.DRAG | F.CURRENT | F.SLACK | F.MOTION | F.TRANSIENT | F.PERIODIC | F.DAMPING,
         "small motion about the static shape in local coordinates (papers 000, 002)",
+    ),
+    "rod": Line(
+        rod.build_rod,
+        F.BENDING | F.SEABED | F.DRAG | F.CURRENT | F.MOTION | F.TRANSIENT | F.PERIODIC | F.LARGE_MOTION | F.SPATIAL
+        | F.TORSION | F.ROTATION,
+        "rod with bending and torsion, order 12 in s (paper 001)", True,
+    ),
+    "catenary": Line(
+        rod.build_catenary,
+        F.BENDING | F.SEABED | F.DRAG | F.CURRENT | F.MOTION | F.TRANSIENT | F.PERIODIC | F.LARGE_MOTION | F.SPATIAL
+        | F.SLACK,
+        "catenary without bending, order 6 in s; needs tension everywhere (paper 001)", True,
+    ),
+    "hybrid": Line(
+        adaptive.build,
+        F.BENDING | F.SEABED | F.DRAG | F.CURRENT | F.MOTION | F.TRANSIENT | F.PERIODIC | F.LARGE_MOTION | F.SPATIAL
+        | F.TORSION | F.ROTATION | F.SLACK,
+        "rod where bending and torsion matter, catenary elsewhere, moment-free joints (paper 001)", True,
     ),
 }  # fmt: skip
 _MARCH = ("drive", "residual", "energies", "gaps")
+_IMPLICIT = ("drive", "residual", "energies")
 METHODS: dict[str, Method] = {
     "dopri5": Method(
         (*_MARCH, "accelerate"), True, 1e-4, "explicit Runge-Kutta 5(4), error control in the energy norm"
     ),
     "rk4": Method((*_MARCH, "accelerate"), False, 0.0, "explicit Runge-Kutta, order 4, fixed step"),
     "rk2": Method((*_MARCH, "accelerate"), False, 0.0, "explicit Runge-Kutta (Heun), order 2, fixed step"),
-    "genalpha": Method((*_MARCH, "tangent"), False, 0.0, "generalised-alpha, order 2, fixed step, Newton"),
+    "genalpha": Method((*_IMPLICIT, "tangent"), False, 0.0, "generalised-alpha, order 2, fixed step, Newton"),
     "trbdf2": Method(
-        (*_MARCH, "tangent"), True, 1e-5, "TR-BDF2, order 2, implicit, error control in the energy norm"
+        (*_IMPLICIT, "tangent"), True, 1e-5, "TR-BDF2, order 2, implicit, error control in the energy norm"
     ),
     "harmonic": Method(
         ("drive", "residual", "tangent", "energies"), True, 5e-4,
@@ -94,6 +114,15 @@ def needs(scene: sc.Scene, ask: Ask | None = None) -> Feature:
         found |= F.DRAG
     if scene.water and scene.water.current:
         found |= F.CURRENT
+    if any(s.BA > 0 or s.BI > 0 for s in scene.cable):
+        found |= F.DAMPING
+    ends = (scene.end_a, scene.end_b)
+    if any(end.twist != 0.0 for end in ends) or any(s.coupling or s.curvature[2] for s in scene.cable):
+        found |= F.TORSION
+    if any(end.moment or (end.kind == "free" and end.direction) for end in ends) or any(
+        any(s.curvature[:2]) or any(s.moment) or s.EI2 not in (None, s.EI) for s in scene.cable
+    ):
+        found |= F.ROTATION
     for device in scene.devices:
         found |= F.FREE_DEVICE if device.kind == "bnes_free" else F.DEVICE
         if device.rod_length > 0:
@@ -133,6 +162,7 @@ class Choice(NamedTuple):
     segments: int
     reason: str
     error: float
+    adaptive: bool = False  # a hybrid whose domains follow the motion
 
 
 def estimate(scene: sc.Scene, segments: int) -> float:
@@ -175,12 +205,14 @@ def cheapest(scene: sc.Scene, ask: Ask) -> Choice:
         if math.isnan(error):
             why = f"{segments} segments: nothing in the scene says how fine they must be"
     if method == "auto":
-        method, how = marching(scene, ask, segments)
-        if can_settle(scene, ask):
+        method, how = marching(scene, ask, segments, model)
+        if can_settle(scene, ask) and not MODELS[model].constrained:
             method, how = "harmonic", "the motion is periodic: its settled response, without the way there"
         why = f"{how}; {why}"
     if method == "harmonic":
         reason = settled.why_not(scene, ask.harmonics)
+        if MODELS[model].constrained:
+            reason = f"{model}: its constraint forces are no displacements that a period could be balanced in"
         if ask.step is not None:
             reason = "step: a settled response is not marched"
         if reason:
@@ -190,10 +222,12 @@ def cheapest(scene: sc.Scene, ask: Ask) -> Choice:
     return Choice(model, method, segments, why, estimate(scene, segments))
 
 
-def marching(scene: sc.Scene, ask: Ask, segments: int) -> tuple[str, str]:
+def marching(scene: sc.Scene, ask: Ask, segments: int, model: str = "lumped") -> tuple[str, str]:
     """The time method for a scene, and why."""
     if ask.step is not None:
         return "genalpha", "a fixed step was asked"
+    if MODELS[model].constrained:
+        return "trbdf2", "implicit: a line with constraints"
     if scene.devices or segments <= 160:
         return "dopri5", "explicit: impacts, or a mesh so small that its axial step is cheap"
     return "trbdf2", "implicit: no devices and a fine mesh, whose axial step would be dear"
@@ -210,6 +244,8 @@ def can_settle(scene: sc.Scene, ask: Ask) -> bool:
 def static_state(model: Any) -> tuple[Status, np.ndarray, str]:
     """Equilibrium of a model from the first of its starts that leads there."""
     result = (Status.NO_STATIC, np.zeros(model.ndof), "")
+    if has(type(model.pack), "constrained"):
+        return statics.balance(model.static_pack, model.starts())
     for q in model.starts():
         result = statics.equilibrium(model.softened(q), q, model.reach, model.static_tolerance)
         if result[0] == Status.OK:
@@ -231,7 +267,7 @@ def solve(scene: sc.Scene, ask: Ask) -> Response:
     choice = cheapest(scene, ask)
     response = run(scene, ask, choice)
     if choice.method == "harmonic" and ask.method == "auto" and not response.trusted:
-        method, how = marching(scene, ask, choice.segments)
+        method, how = marching(scene, ask, choice.segments, choice.model)
         reason = f"{how}; harmonic balance gave {response.status.name}: {response.message}"
         response = run(scene, ask, choice._replace(method=method, reason=reason))
     return response
@@ -239,11 +275,14 @@ def solve(scene: sc.Scene, ask: Ask) -> Response:
 
 def run(scene: sc.Scene, ask: Ask, choice: Choice) -> Response:
     """Run a scene by the model, method and mesh chosen."""
-    if needs(scene) & F.BENDING and not bending_matters(scene, choice.segments):
+    family = MODELS[choice.model].constrained  # whose catenaries leave bending out by themselves, and whose rods keep it
+    if needs(scene) & F.BENDING and not family and not bending_matters(scene, choice.segments):
         scene = without_bending(scene)
         choice = choice._replace(reason=f"{choice.reason}; bending left out: it cannot show at this resolution")
     periodic = choice.method == "harmonic" and ask.duration > 0
-    model = MODELS[choice.model].build(settled.steady(scene) if periodic else scene, choice.segments)
+    line = MODELS[choice.model]
+    more = {"ask": ask} if line.constrained else {}
+    model = line.build(settled.steady(scene) if periodic else scene, choice.segments, **more)
     missing = [v for v in METHODS[choice.method].verbs if not has(type(model.pack), v)]
     if missing:
         raise CannotRepresent(
@@ -256,6 +295,7 @@ def run(scene: sc.Scene, ask: Ask, choice: Choice) -> Response:
         "model": choice.model, "method": choice.method, "segments": choice.segments, "reason": choice.reason,
         "estimated_error": choice.error,
     }  # fmt: skip
+    choice = choice._replace(adaptive=choice.model == "hybrid" and ask.rods is None)
     if scene.start.kind == "given":
         status, note = Status.OK, "given"
         q, v = model.given()
@@ -263,7 +303,10 @@ def run(scene: sc.Scene, ask: Ask, choice: Choice) -> Response:
     else:
         if periodic:
             settled.at_home(model)
-        status, static, note = static_state(model)
+        if choice.adaptive:
+            status, model, static, note = adaptive.at_rest(model, ask)
+        else:
+            status, static, note = static_state(model)
         q, v = static.copy(), np.zeros_like(static)
     if status != Status.OK:
         return Response(status=status, message=f"{note}; {REMEDY[status]}", **common)
@@ -372,19 +415,22 @@ def limits_of(model: Any, ask: Ask, name: str, fastest: dict[str, float]) -> Lim
     return Limits(min(first, 1e-3 * most), tolerance, most, LEAST_STEP, math.inf, floor)
 
 
-def march(
-    model: Any, ask: Ask, choice: Choice, static: np.ndarray, q: np.ndarray, v: np.ndarray, common: dict[str, Any]
-) -> Response:
-    """From the start to a Response."""
-    pack, name = model.pack, choice.method
-    if ask.duration <= 0:
-        return _at_rest(model, static, common)
-    fastest = model.fastest(static)
-    limits = limits_of(model, ask, name, fastest)
-    grid = output_grid(ask)
+class March(NamedTuple):
+    """A march from a state over some pieces of time."""
+
+    code: Status
+    out: Any  # methods.march.Output
+    ends: Any  # methods.march.Ends; row 0 is the last state
+    seconds: float
+
+
+def marched(
+    model: Any, ask: Ask, name: str, limits: Limits, q: np.ndarray, v: np.ndarray, pieces: np.ndarray, grid: np.ndarray
+) -> March:
+    """March a model by the method `name` from (q, v) over `pieces`, with output on `grid`."""
+    pack = model.pack
     out, s = make_output(grid, model.ndof, len(pack.fixed)), make_ends(model.ndof)
     s.q[0], s.v[0] = q, v
-    pieces = np.array([0.0, *(x for x in model.breaks if 0 < x < ask.duration), ask.duration])
 
     def go(pieces: np.ndarray) -> int:
         if name in RUNGE_KUTTA:
@@ -401,27 +447,59 @@ def march(
     go(pieces[:1])  # compiles, or loads from the disk cache, and marches nothing: seconds are those of the march
     begun = time.perf_counter()
     code = Status(go(pieces))
-    seconds = time.perf_counter() - begun
-    counts = [int(out.counts[k]) for k in (C_STEPS, C_REJECTED, C_EVALUATIONS, C_FACTORS)]
-    cost = Cost(counts[0], counts[1], counts[2], counts[3], seconds)
-    done = int(out.at[0])
-    residual = float(s.peak[2]) / max(float(s.peak[0]), float(s.peak[1]), limits.floor)
-    matters = max(model.omega, fastest["device"])
-    per_period = 2 * math.pi * cost.steps / (matters * ask.duration) if matters > 0 else math.inf
+    return March(code, out, s, time.perf_counter() - begun)
+
+
+def _cost(counts: np.ndarray, seconds: float) -> Cost:
+    return Cost(*(int(counts[k]) for k in (C_STEPS, C_REJECTED, C_EVALUATIONS, C_FACTORS)), seconds)
+
+
+def march(
+    model: Any, ask: Ask, choice: Choice, static: np.ndarray, q: np.ndarray, v: np.ndarray, common: dict[str, Any]
+) -> Response:
+    """From the start to a Response."""
+    pack, name = model.pack, choice.method
+    if ask.duration <= 0:
+        return _at_rest(model, static, common)
+    fastest = model.fastest(static)
+    limits = limits_of(model, ask, name, fastest)
+    grid = output_grid(ask)
+    pieces = np.array([0.0, *(x for x in model.breaks if 0 < x < ask.duration), ask.duration])
     guard, note, nodes = model.guards(static)
+    matters = max(model.omega, fastest["device"])
+    if choice.adaptive:
+        rest = model._nodal(static, pack.r)
+
+        def one(model: Any, q: np.ndarray, v: np.ndarray, pieces: np.ndarray, grid: np.ndarray) -> March:
+            return marched(model, ask, name, limits, q, v, pieces, grid)
+
+        run = adaptive.follow(model, ask, q, v, rest, grid, one, limits.floor)
+        code, done, residual, ledger = run.status, run.done, run.residual, run.ledger
+        cost = _cost(run.counts, run.seconds)
+        signals = adaptive.joined(run.signals)
+        valid, why = (code, note) if code == Status.ZERO_TENSION else (Status.OK, "")
+        common["estimated_error"] = float(np.nanmax([common["estimated_error"], run.error]))
+        common["reason"] = f"{common['reason']}; {run.share:.0%} rod on average, {run.changes} changes of domains"
+        zero = _static_energy(model, static)
+    else:
+        code, out, s, seconds = marched(model, ask, name, limits, q, v, pieces, grid)
+        cost, done, ledger = _cost(out.counts, seconds), int(out.at[0]), out.ledger
+        residual = float(s.peak[2]) / max(float(s.peak[0]), float(s.peak[1]), limits.floor)
+        signals = model.observe(out.q[:done], out.v[:done], out.f[:done], static)
+        valid, why = model.validity(signals)
+        zero = _static_energy(model, static)
+    per_period = 2 * math.pi * cost.steps / (matters * ask.duration) if matters > 0 else math.inf
     if code == Status.OK and done == len(grid):
         status, message = verdict(residual, guard, note, math.inf if METHODS[name].adaptive else per_period)
     else:
         status = Status.DIVERGED if code == Status.OK else code
         message = f"stopped at t = {grid[done - 1]:.6g} s" if done else f"stopped before t = {grid[0]:.6g} s"
+        message = f"{message}; {note}" if guard != Status.OK else message
     if status != Status.OK:
         message = f"{message}; {REMEDY[status]}" if message else REMEDY[status]
-    signals = model.observe(out.q[:done], out.v[:done], out.f[:done], static)
-    valid, why = model.validity(signals)
     if valid != Status.OK:
         status, message = valid, f"{why}; {REMEDY[valid]}"
-    zero = _static_energy(model, static)
-    signals |= {what: out.ledger[:done, k] - zero.get(what, 0.0) for k, what in enumerate(LEDGER)}
+    signals |= {what: ledger[:done, k] - zero.get(what, 0.0) for k, what in enumerate(LEDGER)}
     return Response(
         status=status, message=message, t=grid[:done], signals=signals, energy_residual=residual, nodes_per_wave=nodes,
         steps_per_period=per_period, cost=cost, **common,

@@ -14,6 +14,7 @@ from numba import njit
 from numba.core import types
 from numba.extending import overload
 
+from .banded import factor, substitute
 from .compile import NO_COUNTING
 
 BODIES: dict[tuple[str, type], Callable[..., None]] = {}
@@ -43,8 +44,24 @@ def gaps(t, q, v, pack, g):
     """Functions that change sign at a kink (cord taut, contact, slack); steps may land on their zeros."""
 
 
+def factorise(pack, J):
+    """Factor a tangent in place; False where it is singular. Default: banded LU without row exchanges."""
+
+
+def backsolve(pack, J, x):
+    """Solve with the factors of ``factorise``, x in place."""
+
+
+def heft(t, q, e, pack, r):
+    """r = dF/da e, the inertia of a velocity error. Default: ``pack.weight`` e."""
+
+
+def constrained(pack):
+    """Whether the line has constraints, so that its acceleration alone cannot be solved for. Default: no."""
+
+
 VERBS: dict[str, Callable[..., Any]] = {
-    f.__name__: f for f in (drive, residual, tangent, accelerate, energies, gaps)
+    f.__name__: f for f in (drive, residual, tangent, accelerate, energies, gaps, factorise, backsolve, heft, constrained)
 }
 
 KINETIC, STRAIN, GRAVITY, WATER, CABLE, DEVICE, SEABED, ROTATION, N_ENERGIES = range(9)
@@ -108,6 +125,43 @@ def _gaps(t, q, v, pack, g):
     return _body("gaps", pack)
 
 
+def _banded_factorise(pack, J):
+    return factor(J, pack.bw)
+
+
+def _banded_backsolve(pack, J, x):
+    substitute(J, pack.bw, x)
+
+
+def _weighted(t, q, e, pack, r):
+    for i in range(len(r)):
+        r[i] = pack.weight[i] * e[i]
+
+
+def _unconstrained(pack):
+    return False
+
+
+@overload(constrained, jit_options=NO_COUNTING)
+def _constrained(pack):
+    return _body("constrained", pack) or _unconstrained
+
+
+@overload(factorise, jit_options=NO_COUNTING)
+def _factorise(pack, J):
+    return _body("factorise", pack) or _banded_factorise
+
+
+@overload(backsolve, jit_options=NO_COUNTING)
+def _backsolve(pack, J, x):
+    return _body("backsolve", pack) or _banded_backsolve
+
+
+@overload(heft, jit_options=NO_COUNTING)
+def _heft(t, q, e, pack, r):
+    return _body("heft", pack) or _weighted
+
+
 # Entry points for Python callers: statics at start-up, tests, notebooks.
 
 
@@ -139,3 +193,13 @@ def call_energies(t, q, v, a, pack, e):
 @njit(cache=True)
 def call_gaps(t, q, v, pack, g):
     gaps(t, q, v, pack, g)
+
+
+@njit(cache=True)
+def call_factorise(pack, J):
+    return factorise(pack, J)
+
+
+@njit(cache=True)
+def call_backsolve(pack, J, x):
+    backsolve(pack, J, x)

@@ -9,6 +9,7 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass, field
 from enum import Flag, auto
+from itertools import pairwise
 from typing import Any, NamedTuple, Protocol
 
 import numpy as np
@@ -36,10 +37,17 @@ class Feature(Flag):
     LARGE_MOTION = auto()
     SPATIAL = auto()
     TORSION = auto()
+    ROTATION = auto()
+    DAMPING = auto()
 
 
 class CannotRepresent(ValueError):
     """A setup error: the model or method lacks a feature that a field of the scene asks for."""
+
+
+def _in_order(pairs: tuple[tuple[float, float], ...] | None) -> bool:
+    flat = [x for pair in pairs or () for x in pair]
+    return all(len(pair) == 2 for pair in pairs or ()) and all(0 <= a < b for a, b in pairwise(flat))
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -56,6 +64,8 @@ class Ask:
     rho: float = 0.8  # generalised-alpha: spectral radius at infinity
     interval: float = 1e-3  # of the output grid [s]
     output_from: float = 0.0  # first time on it that is kept [s]
+    rho_space: float = 1.0  # rod family: spectral radius at infinity of generalised-alpha along s
+    rods: tuple[tuple[float, float], ...] | None = None  # hybrid: where it is a rod, arc lengths [m]; None: adaptive
     harmonics: int | None = None  # of harmonic balance; None adds them until the tolerance is met
     max_steps: int = 20_000_000
     perturbation: float = 0.0  # standard deviation of random initial velocities [m/s]: error bars of chaotic responses
@@ -77,6 +87,8 @@ class Ask:
             ("tolerance", self.tolerance, self.tolerance is None or 0 < self.tolerance < 1, "must lie between 0 and 1"),
             ("step", self.step, self.step is None or 0 < self.step < math.inf, "must be above 0 [s]"),
             ("rho", self.rho, 0 <= self.rho <= 1, "must be 0 to 1"),
+            ("rho_space", self.rho_space, 0 <= self.rho_space <= 1, "must be 0 to 1"),
+            ("rods", self.rods, _in_order(self.rods), "pairs (from, to) [m] in order, each from < to"),
             ("interval", self.interval, 0 < self.interval < math.inf, "must be above 0 [s]"),
             ("output_from", self.output_from, 0 <= self.output_from <= self.last, "must be 0 to the last output [s]"),
             ("harmonics", self.harmonics, self.harmonics is None or 1 <= self.harmonics <= 200, "must be 1 to 200"),

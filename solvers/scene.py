@@ -66,12 +66,31 @@ class Section:
     Cat: NonNegative = 0.0  # tangential added-mass coefficient
     Cdn: NonNegative = 1.2  # normal drag coefficient
     Cdt: NonNegative = 0.0  # tangential drag coefficient, on the wetted perimeter pi d
+    # what only a line with rotations can follow; body axes are 1, 2 across and 3 along the cable
+    EI2: Positive | None = None  # bending stiffness about body axis 2, default EI (which is then about axis 1) [N m2]
+    GJ: Positive | None = None  # torsional stiffness, default EI/1.3: a round solid of Poisson's ratio 0.3 [N m2]
+    coupling: Number = 0.0  # tension per twist rate and torque per strain of a laid rope [N m]
+    curvature: Vector = (0.0, 0.0, 0.0)  # intrinsic curvature about body axes 1, 2 and twist rate [1/m]
+    moment: Vector = (0.0, 0.0, 0.0)  # distributed moment in space [N m/m]
+    inertia: tuple[NonNegative, NonNegative, NonNegative] | None = None  # rotary, about body axes; default solid [kg m]
 
     @model_validator(mode="after")
     def _one_weight(self) -> Section:
+        wrong = []
         if self.volume is not None and self.wet_weight is not None:
-            raise ValueError("give `volume` or `wet_weight`, not both")
+            wrong.append("give `volume` or `wet_weight`, not both")
+        if self.coupling**2 >= self.EA * (self.torsion or 1e300):
+            wrong.append("`coupling` squared must be below EA GJ, or stretching would release energy")
+        if self.EI == 0 and (self.EI2 or self.GJ or self.coupling or any(self.curvature)):
+            wrong.append("`EI2`, `GJ`, `coupling` and `curvature` need an `EI` above 0")
+        if wrong:
+            raise ValueError("; ".join(wrong))
         return self
+
+    @property
+    def torsion(self) -> float:
+        """Torsional stiffness GJ, 0 for a section that does not bend [N m2]."""
+        return self.EI / 1.3 if self.GJ is None else self.GJ
 
     @property
     def carries_compression(self) -> bool:
@@ -174,19 +193,44 @@ class Motion:
 
 
 @record
+class Turn:
+    """An angle sampled at increasing times, interpolated by a C2 cubic spline; constant outside."""
+
+    t: tuple[Number, ...] = Field(min_length=4)  # [s]
+    angle: tuple[Number, ...] = Field(min_length=4)  # [deg]
+
+    @model_validator(mode="after")
+    def _matching(self) -> Turn:
+        if len(self.t) != len(self.angle):
+            raise ValueError(f"`t` has {len(self.t)} entries, `angle` has {len(self.angle)}")
+        if any(b <= a for a, b in pairwise(self.t)):
+            raise ValueError("`t` must increase")
+        return self
+
+
+@record
 class End:
     """An end of the cable: ``free``, ``pinned`` (moment free) or ``clamped`` along ``direction``.
 
-    A free end may carry a steady ``force``. ``direction`` points the way s increases and need not be a unit
-    vector. ``motion`` moves a pinned or clamped end. A free end's ``position`` is where a *released* start
-    holds it.
+    A free end may carry a steady ``force``; with a ``direction`` it is guided: free to move, not to turn.
+    ``direction`` points the way s increases and need not be a unit vector. ``motion`` moves a pinned or clamped end.
+    A free end's ``position`` is where a *released* start holds it. A ``moment`` acts on an end that may turn;
+    ``twist`` turns an end that may not about its direction. At twist 0 the end's body axis 2 is horizontal (along y
+    where the direction is vertical).
     """
 
     kind: Literal["free", "pinned", "clamped"]
     position: Vector | None = None  # [m]
     direction: Vector | None = None
     force: Vector | None = None  # [N]
+    moment: Vector | None = None  # steady, in space [N m]
+    twist: Number | Turn = 0.0  # [deg]
     motion: Motion | None = None
+
+    @property
+    def turns(self) -> bool:
+        """Whether the end is free to turn."""
+        return self.direction is None
 
     @model_validator(mode="after")
     def _consistent(self) -> End:
@@ -197,8 +241,14 @@ class End:
             wrong.append("only a free end takes a `force`")
         if self.kind == "free" and self.motion is not None:
             wrong.append("a free end cannot have a `motion`")
-        if (self.kind == "clamped") != (self.direction is not None):
-            wrong.append("a clamped end needs a `direction`, and no other end has one")
+        if self.kind == "clamped" and self.direction is None:
+            wrong.append("a clamped end needs a `direction`")
+        if self.kind == "pinned" and self.direction is not None:
+            wrong.append("a pinned end has no `direction`: `clamped` holds it, `free` with a `direction` guides it")
+        if self.direction is not None and self.moment is not None:
+            wrong.append("a `moment` on an end that cannot turn does nothing")
+        if self.direction is None and self.twist != 0.0:
+            wrong.append("`twist` needs a `direction` to turn about")
         if self.direction is not None and math.hypot(*self.direction) == 0:
             wrong.append("`direction` must not be zero")
         if wrong:

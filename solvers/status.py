@@ -20,6 +20,7 @@ class Status(IntEnum):
     CANNOT_REPRESENT = 9
     FEW_HARMONICS = 10
     UNSTABLE = 11
+    ZERO_TENSION = 12
 
 
 REMEDY = {
@@ -35,4 +36,5 @@ REMEDY = {
     Status.CANNOT_REPRESENT: "choose a model that can represent the scene (`sweep models`)",
     Status.FEW_HARMONICS: "the series is too short: raise `tolerance` or `harmonics`, or run the time domain",
     Status.UNSTABLE: "the periodic response exists but is unstable: run the time domain (`method: explicit`)",
+    Status.ZERO_TENSION: "a catenary has no direction without tension: `model: rod` or `hybrid`, or `lumped` for EI = 0",
 }

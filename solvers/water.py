@@ -1,4 +1,4 @@
-"""Drag and current, shared by the lines: Morison's quadratic drag relative to the water.
+"""Drag, current and the push of the seabed, shared by the lines: Morison's quadratic drag relative to the water.
 
 Normal 1/2 rho d Cdn |u_n| u_n, tangential 1/2 rho pi d Cdt |u_t| u_t per metre; paper 003 eq. (2.1.11), D_n and D_t.
 """
@@ -69,3 +69,12 @@ def add_turning(J, bw, i, left, right, c, inverse, t, u, a, cn, ct, swing):
         add_outer(J, bw, i, j, -sign * turn, t, t)
         add_outer(J, bw, i, j, sign * c, t, along)
         add_outer(J, bw, i, j, sign * across, un, un)
+
+
+@kernel
+def bed_force(depth, vz, width, bed):
+    """Normal force d l (k depth - c dz/dt) of the bed = (z, k, c, mu, v0), never pulling."""
+    if depth <= 0.0:
+        return 0.0
+    push = width * (bed[1] * depth - bed[2] * vz)
+    return 0.0 if push < 0.0 else push

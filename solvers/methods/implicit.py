@@ -15,9 +15,9 @@ from typing import NamedTuple
 
 import numpy as np
 
-from ..banded import factor, hold, substitute
+from ..banded import hold
 from ..compile import kernel
-from ..dispatch import drive, residual, tangent
+from ..dispatch import backsolve, constrained, drive, factorise, heft, residual, tangent
 from ..model import Status
 from .march import (
     C_EVALUATIONS,
@@ -66,16 +66,52 @@ def solve_acceleration(t, q, v, a, pack, w, counts):
     hold(w.J, pack.bw, pack.fixed)
     counts[C_EVALUATIONS] += 1
     counts[C_FACTORS] += 1
-    if not factor(w.J, pack.bw):
+    if not factorise(pack, w.J):
         return False
     for i in range(len(w.r)):
         w.r[i] = -w.r[i]
     for k in range(len(pack.fixed)):
         w.r[pack.fixed[k]] = 0.0
-    substitute(w.J, pack.bw, w.r)
+    backsolve(pack, w.J, w.r)
     for i in range(len(a)):
         a[i] += w.r[i]
     residual(t, q, v, a, pack, w.r)
+    return True
+
+
+@kernel
+def launch(t, h, s, pack, w, floor, counts):
+    """Rates at the start of a piece, in row 0 of s; w.r is the residual there.
+
+    A line with constraints cannot be solved for its acceleration alone: two short steps of implicit Euler give what is
+    consistent, the first the velocities after a jump of the motion, the second accelerations and constraint forces.
+    """
+    if not constrained(pack):
+        ok = solve_acceleration(t, s.q[0], s.v[0], s.a[0], pack, w, counts)
+        copy(s.r[0], w.r)
+        return ok
+    drive(t, pack, s.q[0], s.v[0], s.a[0])
+    h = 0.01 * h
+    q, v = w.more[0], w.more[1]
+    copy(q, s.q[0])
+    copy(v, s.v[0])
+    for step in range(2):
+        for i in range(len(q)):
+            w.q[i], w.v[i], w.a[i] = q[i], 0.0, -v[i] / h
+        drive(t, pack, w.q, w.v, w.a)
+        small = 1e-20 * (s.peak[0] + floor)
+        for i in range(len(q)):
+            small += 0.5 * pack.weight[i] * (ROUNDING * q[i] / h) ** 2
+        if newton(t, 1.0, 1.0 / h, 1.0 / (h * h), pack, w, 25, small, floor, counts, True) == 0:
+            return False
+        for i in range(len(q)):
+            if step == 1:
+                s.v[0, i], s.a[0, i] = w.v[i], w.a[i]
+                if pack.weight[i] == 0.0:
+                    s.q[0, i] = w.q[i]
+            q[i], v[i] = w.q[i], w.v[i]
+    drive(t, pack, s.q[0], s.v[0], s.a[0])
+    residual(t, s.q[0], s.v[0], s.a[0], pack, s.r[0])
     return True
 
 
@@ -102,14 +138,14 @@ def newton(t, dq, dv, da, pack, w, most, small, floor, counts, fresh):
             tangent(t, w.q, w.v, w.a, dq, dv, da, pack, w.J)
             hold(w.J, pack.bw, pack.fixed)
             counts[C_FACTORS] += 1
-            if not factor(w.J, pack.bw):
+            if not factorise(pack, w.J):
                 return 0
             renew = False
         for i in range(len(w.r)):
             w.r[i] = -w.r[i]
         for k in range(len(pack.fixed)):
             w.r[pack.fixed[k]] = 0.0
-        substitute(w.J, pack.bw, w.r)
+        backsolve(pack, w.J, w.r)
         for i in range(len(w.r)):
             w.q[i] += dq * w.r[i]
             w.v[i] += dv * w.r[i]
@@ -144,9 +180,8 @@ def generalised_alpha(pack, s, out, w, pieces, h, rho, floor, max_steps):
         lo, hi = np.nextafter(t, 1e300), np.nextafter(stop, -1e300)
         if piece == 0:
             start = begin(lo, s, pack)
-        if not solve_acceleration(lo, s.q[0], s.v[0], s.a[0], pack, w, out.counts):
+        if not launch(lo, step, s, pack, w, floor, out.counts):
             return DIVERGED
-        copy(s.r[0], w.r)
         copy(rate0, s.v[0])
         jump(lo, s, pack)
         while t < stop:
@@ -216,9 +251,8 @@ def tr_bdf2(pack, s, out, w, pieces, h, tol, h_most, h_least, floor, max_steps):
         lo, hi = np.nextafter(t, 1e300), np.nextafter(stop, -1e300)
         if piece == 0:
             start = begin(lo, s, pack)
-        if not solve_acceleration(lo, s.q[0], s.v[0], s.a[0], pack, w, out.counts):
+        if not launch(lo, h, s, pack, w, floor, out.counts):
             return DIVERGED
-        copy(s.r[0], w.r)
         jump(lo, s, pack)
         if piece > 0:
             h = min(h, 0.1 * h_most)
@@ -271,11 +305,12 @@ def tr_bdf2(pack, s, out, w, pieces, h, tol, h_most, h_least, floor, max_steps):
             copy(s.q[1], w.q)
             copy(s.v[1], w.v)
             copy(s.a[1], w.a)
-            for i in range(n):  # velocity error, filtered: J x = W e / f^2
-                w.r[i] = pack.weight[i] * h * (e0 * s.a[0, i] + e1 * a1[i] + e2 * w.a[i]) / (f * f)
+            for i in range(n):  # velocity error, filtered: J x = M e / f^2
+                w.v[i] = h * (e0 * s.a[0, i] + e1 * a1[i] + e2 * w.a[i]) / (f * f)
+            heft(ts, w.q, w.v, pack, w.r)
             for k in range(len(pack.fixed)):
                 w.r[pack.fixed[k]] = 0.0
-            substitute(w.J, pack.bw, w.r)
+            backsolve(pack, w.J, w.r)
             size = math.sqrt(norm2(w.r, pack.weight) / scale) / tol
             if not (size <= 1.0):
                 out.counts[C_REJECTED] += 1

@@ -13,7 +13,7 @@ import numpy as np
 from numba import njit
 
 from ..banded import factor, hold, substitute
-from ..dispatch import drive, residual, tangent
+from ..dispatch import backsolve, drive, factorise, residual, tangent
 from ..model import Status
 
 
@@ -122,3 +122,107 @@ def equilibrium(packs: Sequence[Any], q: np.ndarray, reach: float, tolerance: fl
         else:
             trial, load, step = attempt, target, step * 1.5
     return Status.OK, trial, "reached by load continuation"
+
+
+@njit(cache=True)
+def newton_relaxation(t, q, pack, most, tolerance, mu):
+    """F(t, q, 0, 0) = 0 for a line whose rows are not forces on its unknowns (`heft` is not a diagonal), q in place.
+
+    Newton on F plus mu dF/da (q - q_before): for mu > 0 a step of an overdamped motion (implicit Euler with the mass of
+    the line as its damper), whose mu falls with the residual until it is Newton. Rows are measured in `pack.unit`,
+    steps in `pack.size`. Returns (0 when converged, iterations, largest scaled residual).
+    """
+    n = len(q)
+    zero, a, v, r = np.zeros(n), np.zeros(n), np.zeros(n), np.zeros(n)
+    step, trial = np.zeros(n), np.zeros(n)
+    J = np.zeros((n, 2 * pack.bw + 1))
+    free = np.ones(n, np.bool_)
+    for k in range(len(pack.fixed)):
+        free[pack.fixed[k]] = False
+    drive(t, pack, q, v, a)
+    residual(t, q, zero, zero, pack, r)
+    size = _scaled(r, pack.unit, free)
+    refused, last, stuck = 0, 1e300, 0
+    for it in range(most):
+        if size <= tolerance and last <= 1e-7:
+            return 0, it, size
+        tangent(t, q, zero, zero, 1.0, 0.0, mu, pack, J)
+        hold(J, pack.bw, pack.fixed)
+        ok = factorise(pack, J)
+        for i in range(n):
+            step[i] = -r[i] if free[i] else 0.0
+        big, new = 0.0, 1e300
+        if ok:
+            backsolve(pack, J, step)
+            for i in range(n):
+                x = abs(step[i]) / pack.size[i]
+                if not (x <= big):
+                    big = x
+        if ok and big < 1e30:
+            cut = min(1.0, 0.2 / big) if big > 0.0 else 1.0
+            for i in range(n):
+                trial[i] = q[i] + cut * step[i]
+            residual(t, trial, zero, zero, pack, v)
+            new = _scaled(v, pack.unit, free)
+        if new < 1e300 and (new <= 3.0 * size or big <= 1e-3):
+            q[:] = trial
+            r[:] = v
+            refused = 0
+            stuck = stuck + 1 if new > 0.9 * size and mu == 0.0 and size > tolerance else 0
+            if size <= tolerance and mu == 0.0:
+                last = min(big, 0.5 * last)  # rounding bounds the step from below: it passes after some more
+            else:
+                last = big if mu == 0.0 else 1e300
+            mu *= min(2.0, max(0.05, 0.5 * new / size if size > 0.0 else 0.05))
+            size = new
+            if mu < 1e-9 * pack.rate**2 or size <= 100.0 * tolerance:
+                mu = 0.0
+            if stuck > 40:
+                return 1, it, size
+        else:
+            mu = max(8.0 * mu, 1e-4 * pack.rate**2)
+            refused += 1
+            if refused > 30:
+                return 1, it, size
+    return (0, most, size) if size <= tolerance and last <= 1e-7 else (1, most, size)
+
+
+@njit(cache=True)
+def _scaled(r, unit, free):
+    """Largest free row in its unit."""
+    size = 0.0
+    for i in range(len(r)):
+        if free[i] and not (abs(r[i]) / unit[i] <= size):
+            size = abs(r[i]) / unit[i]
+    return size
+
+
+def balance(pack: Any, starts: Sequence[np.ndarray], tolerance: float = 1e-10) -> tuple[Status, np.ndarray, str]:
+    """Static state of a line with constraints: Newton from each start, then load continuation, then relaxation.
+
+    Continuation comes first because it stays on the branch that grows from the unloaded line: a slender rod has many
+    equilibria, and Newton or relaxation from afar may land on any. All three are exact where they converge.
+    """
+    for q in starts:
+        trial = np.array(q)
+        failed, iterations, size = newton_relaxation(0.0, trial, pack, 60, tolerance, 0.0)
+        if not failed:
+            return Status.OK, trial, f"{iterations} iterations, residual {size:.1e} of the loads"
+    for q in starts:
+        trial, load, step = np.array(q), 0.0, 0.1
+        while load < 1.0 and step > 1e-4:
+            target = min(1.0, load + step)
+            attempt = np.array(trial)
+            failed, _, size = newton_relaxation(0.0, attempt, pack._replace(load_factor=target), 40, tolerance, 0.0)
+            if failed:
+                step *= 0.5
+            else:
+                trial, load, step = attempt, target, step * 1.5
+        if load >= 1.0:
+            return Status.OK, trial, "reached by load continuation"
+    for q in starts:
+        trial = np.array(q)
+        failed, iterations, size = newton_relaxation(0.0, trial, pack, 3000, tolerance, float(pack.rate) ** 2)
+        if not failed:
+            return Status.OK, trial, f"relaxed in {iterations} steps, residual {size:.1e} of the loads"
+    return Status.NO_STATIC, trial, f"residual {size:.1e} of the loads after relaxation"

@@ -34,7 +34,7 @@ from ...compile import kernel
 from ...devices import law_energy, law_force, law_gap, law_loss
 from ...dispatch import CABLE, DEVICE, GRAVITY, KINETIC, ROTATION, SEABED, STRAIN, WATER
 from ...motion import held
-from ...water import add_drag_rate, add_turning, current, drag
+from ...water import add_drag_rate, add_turning, bed_force, current, drag
 
 # Gauss points and half-weights of the drag on a rigid rod, whose velocity is linear between its ends
 GAUSS = (0.5 - 0.5 / math.sqrt(3.0), 0.5 + 0.5 / math.sqrt(3.0))
@@ -130,15 +130,6 @@ def surroundings(q, v, pack, r):
                 speed = math.sqrt(slide_speed(v, k, top) + pack.bed[4] ** 2)
                 for m in range(top):
                     r[k + m] += pack.bed[3] * push * v[k + m] / speed
-
-
-@kernel
-def bed_force(depth, vz, width, bed):
-    """Normal force d l (k depth - c dz/dt) of the bed = (z, k, c, mu, v0), never pulling."""
-    if depth <= 0.0:
-        return 0.0
-    push = width * (bed[1] * depth - bed[2] * vz)
-    return 0.0 if push < 0.0 else push
 
 
 @kernel

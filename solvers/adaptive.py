@@ -1,0 +1,257 @@
+"""Hybrid lines whose rod domains follow the motion: before the run from the static state, then window by window.
+
+A window that ends with a state which wants a rod outside the present domains is run again with larger ones; domains that
+are no longer wanted shrink at a window's end. The energy that a change of domains adds or takes stays in the ledger's
+gap. The error of the choice is estimated a posteriori: one Newton step of the full rod from the hybrid's state.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from . import scene as sc
+from .banded import hold
+from .dispatch import (
+    GRAVITY,
+    KINETIC,
+    N_ENERGIES,
+    STRAIN,
+    call_backsolve,
+    call_energies,
+    call_factorise,
+    call_residual,
+    call_tangent,
+)
+from .lines.rod import RodModel, domains
+from .lines.rod.params import mesh_of
+from .methods import statics
+from .methods.march import LEDGER
+from .model import Ask, Status
+from .quantities import QUANTITIES
+
+SHARE = 1.0  # of `accuracy`: the share of the load that a catenary may neglect
+WINDOWS = 24  # at least, in a run
+PER_PERIOD = 8  # windows in the shortest period of the excitation
+ROUNDS = 8  # of static state and domains
+
+
+def _model(scene: sc.Scene, segments: int, ask: Ask, rod: Any) -> RodModel:
+    return RodModel(scene, segments, rod, ask.rho_space, "hybrid")
+
+
+def build(scene: sc.Scene, segments: int, ask: Ask | None = None) -> RodModel:
+    """A hybrid with the domains asked for, or, before they are known, with rods where the ends demand them."""
+    ask = ask or Ask(model="hybrid")
+    rod: Any = ask.rods
+    if rod is None:
+        blank = RodModel(scene, segments, np.ones(_count(scene, segments), bool), ask.rho_space, "hybrid")
+        middle = (blank.s[1:] + blank.s[:-1]) / 2 / blank.s[-1]
+        bends = np.array([scene.cable[k].EI > 0 for k in blank.section])
+        edge = [(x, end) for x, end in ((middle, scene.end_a), (1 - middle, scene.end_b))]
+        rod = np.any([(x < 0.2) & bool(end.direction or end.moment) for x, end in edge], axis=0) & bends
+        rod |= np.full(len(middle), RodModel.twisted(scene))
+    return _model(scene, segments, ask, rod)
+
+
+def _count(scene: sc.Scene, segments: int) -> int:
+    return len(mesh_of(scene, segments)[1])
+
+
+class Rest(NamedTuple):
+    """A static state and the model that it belongs to."""
+
+    status: Status
+    model: RodModel
+    q: np.ndarray
+    note: str
+
+
+def at_rest(model: RodModel, ask: Ask) -> Rest:
+    """Static state of a hybrid whose domains fit it: a pilot with few rods, or the full rod where that has no state."""
+    status, q, note = statics.balance(model.static_pack, model.starts())
+    share = SHARE * ask.accuracy
+    if status != Status.OK or model.validity(model.observe(*_still(model, q)))[0] != Status.OK:
+        full = _model(model.scene, model.asked, ask, np.ones(model.segments, dtype=bool))
+        status, q, note = statics.balance(full.static_pack, full.starts())
+        if status != Status.OK:
+            return Rest(status, full, q, note)
+        model = full
+    for k in range(ROUNDS):
+        rod = domains.wanted(model, q, share)
+        if k >= 3:  # then domains only grow: the rounds end
+            rod = domains.tidy(rod | model.rod, np.diff(model.s), domains.share_of_bending(model, q)[1])
+        if np.array_equal(rod, model.rod):
+            break
+        other = _model(model.scene, model.asked, ask, rod)
+        guess = domains.carry_over(model, other, q, np.zeros(model.ndof))[0]
+        status, q, note = statics.balance(other.static_pack, [guess, *other.starts()])
+        if status != Status.OK:
+            other = _model(model.scene, model.asked, ask, np.ones(model.segments, dtype=bool))
+            status, q, note = statics.balance(other.static_pack, other.starts())
+            return Rest(status, other, q, note)
+        model = other
+    return Rest(status, model, q, note)
+
+
+def _still(model: RodModel, q: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
+    return q[None], np.zeros((1, model.ndof)), np.zeros((1, len(model.pack.fixed))), q
+
+
+class Estimate(NamedTuple):
+    """Estimated relative errors of a hybrid state against the full rod."""
+
+    shape: float  # largest move of a node over the line's largest departure from its chord
+    tension: float  # over the largest force
+    moment: float  # over the largest moment
+
+    @property
+    def worst(self) -> float:
+        return max(self)
+
+
+def joint_error(model: RodModel, q: np.ndarray, v: np.ndarray, a: np.ndarray) -> Estimate:
+    """What neglecting bending and the moment-free joints cost: the first Newton step of the full rod from this state,
+    with its inertia and drag as they are."""
+    if model.rod.all():
+        return Estimate(0.0, 0.0, 0.0)
+    bends = np.array([model.scene.cable[k].EI > 0 for k in model.section])
+    full = RodModel(model.scene, model.asked, bends, 1.0, model.name)
+    x, w = domains.carry_over(model, full, q, v)
+    acc = np.zeros(full.ndof)
+    for i in range(full.nodes):
+        for mine, its in ((full.pack.r, model.pack.r),):
+            acc[mine[i] : mine[i] + 3] = a[its[i] : its[i] + 3]
+    pack, zero = full.pack, np.zeros(full.ndof)
+    r, still = np.zeros(full.ndof), np.zeros(full.ndof)
+    call_residual(0.0, x, w, acc, pack, r)
+    call_residual(0.0, x, zero, zero, pack, still)
+    for e in np.flatnonzero(pack.rod):  # kinematics as at rest, and no rotary inertia of guessed spins
+        k = pack.row[e]
+        r[k : k + 3], r[k + 9 : k + 12] = still[k : k + 3], still[k + 9 : k + 12]
+    J = np.zeros((full.ndof, 2 * pack.bw + 1))
+    call_tangent(0.0, x, zero, zero, 1.0, 0.0, 0.0, pack, J)
+    hold(J, pack.bw, pack.fixed)
+    step = -r
+    step[pack.fixed] = 0.0
+    if not call_factorise(pack, J):
+        return Estimate(np.inf, np.inf, np.inf)
+    call_backsolve(pack, J, step)
+    shape = full._nodal(x, pack.r)
+    line = np.linspace(0, 1, full.nodes)[:, None]
+    sag = np.abs(shape - (shape[0] + (shape[-1] - shape[0]) * line)).max()
+    before, after = full.fields(x[None]), full.fields((x + step)[None])
+
+    def change(name: str, at: Any) -> float:
+        scale = np.abs(after[name]).max()
+        return float(np.abs(after[name] - before[name])[0][at].max(initial=0.0) / scale) if scale > 0 else 0.0
+
+    here = np.concatenate([[False], model.rod]) | np.concatenate([model.rod, [False]])
+    moved = float(np.abs(full._nodal(step, pack.r)).max() / sag) if sag > 0 else 0.0
+    return Estimate(moved, change("tension", slice(None)), change("moment", here))
+
+
+class Followed(NamedTuple):
+    """A run in windows."""
+
+    status: Status
+    signals: list[dict[str, np.ndarray]]  # of each window
+    ledger: np.ndarray  # (nt, 9) over the whole run
+    residual: float  # of the energy balance
+    counts: np.ndarray
+    seconds: float
+    error: float  # largest estimated error of the hybrid
+    changes: int  # of domains
+    share: float  # mean share of rod
+    model: RodModel  # the last one
+    done: int  # samples
+
+
+def _energy(model: RodModel, q: np.ndarray, v: np.ndarray) -> float:
+    e = np.zeros(N_ENERGIES)
+    call_energies(0.0, q, v, np.zeros(len(q)), model.pack, e)
+    return float(e[KINETIC] + e[STRAIN] + e[GRAVITY])
+
+
+def edges(ask: Ask, omega: float, breaks: tuple[float, ...]) -> np.ndarray:
+    """Ends of the windows [s]."""
+    count = max(WINDOWS, int(np.ceil(ask.duration * omega / (2 * np.pi) * PER_PERIOD)))
+    inner = [x for x in breaks if 0 < x < ask.duration]
+    return np.unique(np.concatenate([np.linspace(0, ask.duration, count + 1), inner]))
+
+
+def follow(
+    model: RodModel, ask: Ask, q: np.ndarray, v: np.ndarray, static: np.ndarray, grid: np.ndarray,
+    advance: Callable[[RodModel, np.ndarray, np.ndarray, np.ndarray, np.ndarray], Any], floor: float,
+) -> Followed:  # fmt: skip
+    """March in windows; `advance(model, q, v, pieces, grid)` marches one and returns (code, out, ends, seconds)."""
+    cut = edges(ask, model.omega, model.breaks)
+    ends_at = np.searchsorted(grid, cut[1:] * (1 - 1e-12), side="left")
+    ends_at[-1] = len(grid)
+    signals: list[dict[str, np.ndarray]] = []
+    ledger = np.full((len(grid), len(LEDGER)), np.nan)
+    counts, seconds, changes, share, error, gap = np.zeros(4, dtype=np.int64), 0.0, 0, 0.0, 0.0, 0.0
+    carried, peak, done, zero = np.zeros(len(LEDGER)), floor, 0, _energy(model, q, v)
+    status, before = Status.OK, 0
+    for k in range(len(cut) - 1):
+        here, after = slice(before, int(ends_at[k])), int(ends_at[k])
+        for attempt in range(6):
+            code, out, s, spent = advance(model, q, v, cut[k : k + 2], grid[here])
+            counts += out.counts
+            seconds += spent
+            wish = domains.wanted(model, s.q[0], SHARE * ask.accuracy) if code == 0 else np.ones(model.segments, bool)
+            if attempt == 5 or not (wish & ~model.rod).any():
+                break
+            rod = domains.tidy(wish | model.rod, np.diff(model.s), domains.share_of_bending(model, q)[1])
+            if np.array_equal(rod, model.rod):
+                break
+            larger = _model(model.scene, model.asked, ask, rod)
+            q, v = domains.carry_over(model, larger, q, v)
+            model, changes = larger, changes + 1
+        n = int(out.at[0])
+        rows = out.ledger[:n].copy()
+        rows[:, 3:] += carried[3:]
+        ledger[before : before + n] = rows
+        total = s.ledger[0].copy()
+        total[3:] += carried[3:]
+        energy = float(total[:3].sum())
+        balance = energy - zero - float(total[3] - total[4:8].sum() + total[8])
+        gap = max(gap, abs(balance), float(s.peak[2]))
+        peak = max(peak, float(s.peak[0]), abs(energy - zero))
+        carried = total
+        observed = model.observe(out.q[:n], out.v[:n], out.f[:n], static_like(model, static))
+        signals.append(observed)
+        done, before = before + n, after
+        share += float(model.rod.mean()) * (cut[k + 1] - cut[k]) / ask.duration
+        valid = model.validity(observed)
+        if code != 0 or n < here.stop - here.start or valid[0] != Status.OK:
+            status = Status(code) if code else (valid[0] if valid[0] != Status.OK else Status.DIVERGED)
+            break
+        q, v = s.q[0].copy(), s.v[0].copy()
+        if k % max(1, len(cut) // 8) == 0:
+            error = max(error, joint_error(model, q, v, s.a[0]).worst)
+        rod = domains.wanted(model, q, SHARE * ask.accuracy)
+        if not np.array_equal(rod, model.rod) and k + 2 < len(cut):
+            other = _model(model.scene, model.asked, ask, rod)
+            q, v = domains.carry_over(model, other, q, v)
+            model, changes = other, changes + 1
+    return Followed(status, signals, ledger, gap / peak, counts, seconds, error, changes, share, model, done)
+
+
+def joined(windows: list[dict[str, np.ndarray]]) -> dict[str, np.ndarray]:
+    """Signals of all windows in one: what depends on time is put end to end."""
+    out = dict(windows[0])
+    for name in out:
+        if name in QUANTITIES and QUANTITIES[name].dims[0] == "time":
+            out[name] = np.concatenate([x[name] for x in windows])
+    return out
+
+
+def static_like(model: RodModel, shape: np.ndarray) -> np.ndarray:
+    """A state of the model at the static shape (n, 3), for the signals that refer to it."""
+    q = np.zeros(model.ndof)
+    for i in range(model.nodes):
+        q[model.pack.r[i] : model.pack.r[i] + 3] = shape[i]
+    return q

@@ -1,0 +1,722 @@
+"""Equations of rods and catenaries, paper 001 corrected, in configuration form, and their exact tangent.
+
+An element between nodes j and k = j + 1 of unstretched length l asks, with D = (r_k - r_j)/l, hats for values at its
+middle (or at the af point of generalised-alpha in space), and spins omega = 2 Im(p' p*)/|p|^2:
+
+    catenary (1)-(3)    D = t + c N,  t = N/|N|                       N_k - N_j = l (m a - F)
+    rod (7), (8)        D = R [(1 + e) e3 + beta th x (th x e3)]       th = l (kappa0 + B^-1 R^T M)
+        (9), (10)       M_k - M_j + l (D x N + Q) = l d/dt(R J R^T omega)    N_k - N_j = l (m a - F)
+
+th is the rotation vector from frame j to frame k, so a uniform helix is exact; beta makes the chord that of the arc.
+Forces and moments keep components in space, so that a hinge (12)-(14) is: the two domains share r and N, and M = 0.
+The tension T of a catenary is |N| > 0: its direction is N itself, without polar angles (4), whose singular axis is gone.
+
+The kinematic equations C = 0 of either kind are asked as dC/dt + C/tau = 0: statics sees C = 0, the time methods see a
+velocity constraint (index 2, as (7) is), and C does not drift. For a rod dC/dt is (7) itself, with the spin's mean: the
+constraint force then does exactly the work that the moment equation takes, and energy closes to the order of the mesh.
+
+Drag (19) with |v_r.t| in its tangential part, over the stretched length (22); added mass (20) per metre, split into a
+normal and a tangential part; the volume is that of the unstretched cable (a stretched one gets thinner), which (22),
+(23) leave open.
+"""
+
+from __future__ import annotations
+
+import math
+
+from ...algebra import add_diagonal, add_outer, add_to, axpy, dot, load, row, scale, unit
+from ...banded import factor_pivoting, substitute_pivoting
+from ...compile import kernel
+from ...dispatch import GRAVITY, KINETIC, ROTATION, SEABED, STRAIN, WATER
+from ...motion import held
+from ...rotation import (
+    add_spin_turn,
+    arc_factor,
+    cross,
+    dot4,
+    frame,
+    load4,
+    mix,
+    relative,
+    relative_matrices,
+    rotation_vector,
+    spin_matrix,
+    spin_of,
+    times,
+)
+from ...water import add_drag_rate, add_turning, bed_force, current, drag
+
+
+def drive(t, pack, q, v, a):
+    for k in range(len(pack.held)):
+        i = pack.r[pack.held[k]]
+        x, xdot, xddot = held(t, k, pack.motion, pack.axes)
+        for m in range(3):
+            q[i + m], v[i + m], a[i + m] = x[m], xdot[m], xddot[m]
+    for k in range(len(pack.guided)):
+        i = pack.p[pack.guided[k]]
+        x, xdot, xddot = held(t, k, pack.twist, pack.axes)
+        f = 0.5 * pack.load_factor
+        c, s = math.cos(f * x[2]), math.sin(f * x[2])
+        home = load4(pack.home[k], 0)
+        w, dw = f * xdot[2], f * xddot[2]
+        p = times(home, (c, 0.0, 0.0, s))
+        turn = times(home, (-s, 0.0, 0.0, c))
+        for m in range(4):
+            q[i + m], v[i + m], a[i + m] = p[m], w * turn[m], dw * turn[m] - w * w * p[m]
+
+
+@kernel
+def state4(x, k, pack):
+    """The quaternion of node k in the state x."""
+    return load4(x, pack.p[k])
+
+
+@kernel
+def between(x, at, e, w, axes):
+    """(1 - w) x_j + w x_k of the nodal vectors that start at `at`."""
+    return axpy(w, load(x, at[e + 1], axes), scale(1.0 - w, load(x, at[e], axes)))
+
+
+@kernel
+def across(x, at, e, axes):
+    """x_k - x_j."""
+    return axpy(-1.0, load(x, at[e], axes), load(x, at[e + 1], axes))
+
+
+@kernel
+def middle(q, e, w, pack):
+    """Quaternion of the element's middle frame, and the sign that the far one is taken with."""
+    pj, pk = state4(q, e, pack), state4(q, e + 1, pack)
+    sign = 1.0 if dot4(pj, pk) >= 0.0 else -1.0
+    return mix(1.0 - w, pj, w * sign, pk), sign
+
+
+@kernel
+def mean_spin(q, v, e, w, pack):
+    """(1 - w) omega_j + w omega_k."""
+    one = spin_of(state4(q, e, pack), state4(v, e, pack))
+    return axpy(w, spin_of(state4(q, e + 1, pack), state4(v, e + 1, pack)), scale(1.0 - w, one))
+
+
+@kernel
+def acceleration_of(p, rate, second):
+    """d omega/dt = 2 Im(p'' p*)/|p|^2 - (d|p|^2/dt)/|p|^2 omega."""
+    return axpy(-2.0 * dot4(p, rate) / dot4(p, p), spin_of(p, rate), spin_of(p, second))
+
+
+@kernel
+def tensor(d1, d2, d3, J, x):
+    """R diag(J) R^T x."""
+    return axpy(J[0] * dot(d1, x), d1, axpy(J[1] * dot(d2, x), d2, scale(J[2] * dot(d3, x), d3)))
+
+
+@kernel
+def swung(x, t, m, mn, mt):
+    """(m + mn) x + (mt - mn) t (t.x): mass and added mass."""
+    return axpy((mt - mn) * dot(t, x), t, scale(m + mn, x))
+
+
+@kernel
+def relative_speed(q, v, e, w, pack):
+    """Velocity relative to the water."""
+    u = between(v, pack.r, e, w, pack.axes)
+    if len(pack.levels) > 0:
+        z = between(q, pack.r, e, w, pack.axes)[2]
+        u = axpy(-pack.load_factor, current(z, pack.levels, pack.profile, pack.axes)[0], u)
+    return u
+
+
+@kernel
+def linear_momentum(q, v, a, e, w, wd, wp, at, pack, r):
+    """Eqs. (3), (10): r[at:] += wp l (m a + m_a a - F) - wd (N_k - N_j)."""
+    l = pack.l[e]
+    D = across(q, pack.r, e, pack.axes)
+    t, chord = unit(D)
+    f = swung(between(a, pack.r, e, w, pack.axes), t, pack.mass[e], pack.mn[e], pack.mt[e])
+    f = axpy(-pack.load_factor, row(pack.load, e, pack.axes), f)
+    if len(pack.cn) > 0:
+        f = axpy(chord / l, drag(relative_speed(q, v, e, w, pack), t, pack.cn[e], pack.ct[e]), f)
+    if len(pack.bed) > 0:
+        x, u = between(q, pack.r, e, w, pack.axes), between(v, pack.r, e, w, pack.axes)
+        push = bed_force(pack.bed[0] - x[2], u[2], pack.bed_width[e], pack.bed)
+        if push > 0.0:
+            rub = pack.bed[3] * push / math.sqrt(u[0] * u[0] + u[1] * u[1] + pack.bed[4] ** 2)
+            f = axpy(1.0, f, (rub * u[0], rub * u[1], -push))
+    add_to(r, at, wp * l, f)
+    add_to(r, at, -wd, across(q, pack.N, e, pack.axes))
+
+
+@kernel
+def catenary_element(q, v, a, e, w, wd, wp, at, pack, r):
+    """Eqs. (1)-(3) with t + c N in place of (1 + e) t."""
+    l = pack.l[e]
+    N, rate = between(q, pack.N, e, w, pack.axes), between(v, pack.N, e, w, pack.axes)
+    t, T = unit(N)
+    inverse = 1.0 / T if T > 0.0 else 1e300
+    stretch = axpy(inverse + pack.give[e, 3], rate, scale(-inverse * dot(t, rate), t))  # d/dt (t + c N)
+    add_to(r, at, wd, across(v, pack.r, e, pack.axes))
+    add_to(r, at, -wp * l, stretch)
+    add_to(r, at, wd * pack.rate, across(q, pack.r, e, pack.axes))
+    add_to(r, at, -wp * pack.rate * l, axpy(pack.give[e, 3], N, t))
+    linear_momentum(q, v, a, e, w, wd, wp, at + 3, pack, r)
+
+
+@kernel
+def rod_element(q, v, a, e, w, wd, wp, at, pack, r):
+    """Eqs. (7)-(10)."""
+    l, give = pack.l[e], pack.give
+    p, sign = middle(q, e, w, pack)
+    d1, d2, d3 = frame(p)
+    c, x = relative(state4(q, e, pack), state4(q, e + 1, pack))
+    th = rotation_vector(c, x)[0]
+    D = scale(1.0 / l, across(q, pack.r, e, pack.axes))
+    N, M = between(q, pack.N, e, w, pack.axes), between(q, pack.M, e, w, pack.axes)
+    Ndot, Mdot = between(v, pack.N, e, w, pack.axes), between(v, pack.M, e, w, pack.axes)
+    omega = mean_spin(q, v, e, w, pack)
+    y = axpy(give[e, 3], N, scale(give[e, 4], M))  # strain = d3.y
+    ydot = axpy(give[e, 3], Ndot, scale(give[e, 4], Mdot))
+    strain_rate = dot(d3, ydot) + dot(y, cross(omega, d3))
+    beta = arc_factor(dot(th, th))[0]
+    b1, b2 = beta * th[0] * th[2], beta * th[1] * th[2]
+    b3 = 1.0 + dot(d3, y) - beta * (th[0] * th[0] + th[1] * th[1])
+    chord = axpy(b1, d1, axpy(b2, d2, scale(b3, d3)))
+    # (7), and its integral over time
+    add_to(r, at, wd, across(v, pack.r, e, pack.axes))
+    add_to(r, at, -wp * l, cross(omega, D))
+    add_to(r, at, -wp * l * strain_rate, d3)
+    add_to(r, at, wd * pack.rate * l, D)
+    add_to(r, at, -wp * pack.rate * l, chord)
+    linear_momentum(q, v, a, e, w, wd, wp, at + 3, pack, r)
+    # (8) as kappa of the frames, with (6)
+    f = pack.load_factor
+    bend1 = f * pack.natural[e, 0] + give[e, 0] * dot(d1, M)
+    bend2 = f * pack.natural[e, 1] + give[e, 1] * dot(d2, M)
+    twist = f * pack.natural[e, 2] + give[e, 2] * dot(d3, M) + give[e, 4] * dot(d3, N)
+    r[at + 6] += wd * th[0] - wp * l * bend1
+    r[at + 7] += wd * th[1] - wp * l * bend2
+    r[at + 8] += wd * th[2] - wp * l * twist
+    # (9)
+    J = row(pack.inertia, e, pack.axes)
+    one = acceleration_of(state4(q, e, pack), state4(v, e, pack), state4(a, e, pack))
+    two = acceleration_of(state4(q, e + 1, pack), state4(v, e + 1, pack), state4(a, e + 1, pack))
+    spin = tensor(d1, d2, d3, J, axpy(w, two, scale(1.0 - w, one)))
+    spin = axpy(1.0, cross(omega, tensor(d1, d2, d3, J, omega)), spin)
+    add_to(r, at + 9, -wd, across(q, pack.M, e, pack.axes))
+    add_to(r, at + 9, wp * l, axpy(-1.0, cross(D, N), axpy(-f, row(pack.moment, e, pack.axes), spin)))
+
+
+@kernel
+def element(q, v, a, e, w, wd, wp, at, pack, r):
+    if pack.rod[e]:
+        rod_element(q, v, a, e, w, wd, wp, at, pack, r)
+    else:
+        catenary_element(q, v, a, e, w, wd, wp, at, pack, r)
+
+
+def residual(t, q, v, a, pack, r):
+    """Elements, then frames' gauges and hinges, then the ends: r there is the external force and, twice and in
+    quaternion form, the external moment."""
+    r[:] = 0.0
+    am, af, g = pack.space
+    for e in range(len(pack.l)):
+        if pack.head[e]:
+            element(q, v, a, e, 0.5, 1.0, 1.0, pack.row[e], pack, r)
+        else:
+            element(q, v, a, e, af, am, g, pack.row[e], pack, r)
+        if am != g and e + 1 < len(pack.l) and not pack.head[e + 1]:
+            element(q, v, a, e, af, 1.0 - am, 1.0 - g, pack.row[e + 1], pack, r)
+    last = len(pack.r) - 1
+    for i in range(last + 1):
+        k = pack.frame_row[i]
+        if k < 0:
+            continue
+        p = state4(q, i, pack)
+        gauge = dot4(p, state4(v, i, pack)) + 0.5 * pack.rate * (dot4(p, p) - 1.0)
+        if pack.hinge[i] == 0:
+            r[k] = gauge
+            continue
+        m = scale(float(pack.hinge[i]), load(q, pack.M[i], pack.axes))
+        if i == 0 or i == last:
+            m = axpy(-pack.load_factor, row(pack.end_moment, 0 if i == 0 else 1, pack.axes), m)
+        x = times((0.0, m[0], m[1], m[2]), p)
+        for j in range(4):
+            r[k + j] = 2.0 * x[j] + gauge * p[j]
+    add_to(r, pack.r[0], -1.0, load(q, pack.N[0], pack.axes))
+    add_to(r, pack.r[0], -pack.load_factor, row(pack.end_force, 0, pack.axes))
+    add_to(r, pack.r[last], 1.0, load(q, pack.N[last], pack.axes))
+    add_to(r, pack.r[last], -pack.load_factor, row(pack.end_force, 1, pack.axes))
+
+
+# ------------------------------------------------------------------------------------------------- tangent
+
+
+@kernel
+def add_skew(A, c, u):
+    """A += c [u]x, so that A x = c u x x."""
+    A[0, 1] -= c * u[2]
+    A[0, 2] += c * u[1]
+    A[1, 0] += c * u[2]
+    A[1, 2] -= c * u[0]
+    A[2, 0] -= c * u[1]
+    A[2, 1] += c * u[0]
+
+
+@kernel
+def add_pair(A, c, u, w):
+    """A += c u (x) w."""
+    for m in range(3):
+        A[m, 0] += c * u[m] * w[0]
+        A[m, 1] += c * u[m] * w[1]
+        A[m, 2] += c * u[m] * w[2]
+
+
+@kernel
+def put(J, bw, i, j, c, A):
+    """J block (i, j) += c A, A (3, 3) or (3, 4)."""
+    for m in range(A.shape[0]):
+        k = bw + j - i - m
+        for n in range(A.shape[1]):
+            J[i + m, k + n] += c * A[m, n]
+
+
+@kernel
+def put_product(J, bw, i, j, A, P):
+    """J block (i, j) += A P, A (3, 3), P (3, 4)."""
+    for m in range(3):
+        k = bw + j - i - m
+        a, b, c = A[m, 0], A[m, 1], A[m, 2]
+        for n in range(4):
+            J[i + m, k + n] += a * P[0, n] + b * P[1, n] + c * P[2, n]
+
+
+@kernel
+def put_difference(J, bw, i, at, e, c, axes):
+    """J row block i += c d(x_k - x_j)."""
+    add_diagonal(J, bw, i, at[e + 1], c, axes)
+    add_diagonal(J, bw, i, at[e], -c, axes)
+
+
+@kernel
+def put_mean(J, bw, i, at, e, w, c, A):
+    """J row block i += c A d((1 - w) x_j + w x_k)."""
+    put(J, bw, i, at[e], c * (1.0 - w), A)
+    put(J, bw, i, at[e + 1], c * w, A)
+
+
+@kernel
+def linear_momentum_rate(q, v, a, cq, cv, ca, e, w, wd, wp, at, pack, J):
+    l, bw = pack.l[e], pack.bw
+    D = across(q, pack.r, e, pack.axes)
+    t, chord = unit(D)
+    rj, rk = pack.r[e], pack.r[e + 1]
+    put_difference(J, bw, at, pack.N, e, -wd * cq, pack.axes)
+    swing = pack.mt[e] - pack.mn[e]
+    for side in range(2):
+        share = (w if side == 1 else 1.0 - w) * wp * l * ca
+        i = rk if side == 1 else rj
+        add_diagonal(J, bw, at, i, share * (pack.mass[e] + pack.mn[e]), pack.axes)
+        if swing != 0.0:
+            add_outer(J, bw, at, i, share * swing, t, t)
+    inverse = 1.0 / chord if chord > 0.0 else 0.0
+    if len(pack.cn) > 0:
+        stretch = chord / l
+        u = relative_speed(q, v, e, w, pack)
+        cn, ct = pack.cn[e] * stretch, pack.ct[e] * stretch
+        for side in range(2):
+            share = (w if side == 1 else 1.0 - w) * wp * l
+            add_drag_rate(J, bw, at, rk if side == 1 else rj, cv * share, u, t, cn, ct, pack.axes)
+        if cq != 0.0:
+            acc = between(a, pack.r, e, w, pack.axes)
+            add_turning(J, bw, at, rj, rk, cq * wp * l, inverse, t, u, acc, cn, ct, swing)
+            push = drag(u, t, pack.cn[e], pack.ct[e])
+            add_outer(J, bw, at, rk, cq * wp, push, t)
+            add_outer(J, bw, at, rj, -cq * wp, push, t)
+            if len(pack.levels) > 0:
+                z = between(q, pack.r, e, w, pack.axes)[2]
+                slope = scale(-pack.load_factor, current(z, pack.levels, pack.profile, pack.axes)[1])
+                A = pack.m3[15]
+                drag_matrix(u, t, cn, ct, A)
+                for m in range(3):
+                    f = cq * wp * l * (A[m, 0] * slope[0] + A[m, 1] * slope[1] + A[m, 2] * slope[2])
+                    J[at + m, bw + rj + 2 - at - m] += (1.0 - w) * f
+                    J[at + m, bw + rk + 2 - at - m] += w * f
+    elif cq != 0.0 and swing != 0.0:
+        acc = between(a, pack.r, e, w, pack.axes)
+        add_turning(J, bw, at, rj, rk, cq * wp * l, inverse, t, pack.axes, acc, 0.0, 0.0, swing)
+    if len(pack.bed) > 0:
+        bed_rate(q, v, cq, cv, e, w, wp * l, at, pack, J)
+
+
+@kernel
+def drag_matrix(u, t, cn, ct, A):
+    """A = d(drag)/du."""
+    ut = dot(t, u)
+    un = axpy(-ut, t, u)
+    size = math.sqrt(dot(un, un))
+    A[:] = 0.0
+    for m in range(3):
+        A[m, m] = cn * size
+    add_pair(A, 2.0 * ct * abs(ut) - cn * size, t, t)
+    if size > 0.0:
+        add_pair(A, cn / size, un, un)
+
+
+@kernel
+def bed_rate(q, v, cq, cv, e, w, c, at, pack, J):
+    """How the bed's push and friction change."""
+    bw, bed = pack.bw, pack.bed
+    x, u = between(q, pack.r, e, w, pack.axes), between(v, pack.r, e, w, pack.axes)
+    push = bed_force(bed[0] - x[2], u[2], pack.bed_width[e], bed)
+    if push <= 0.0:
+        return
+    rate = -pack.bed_width[e] * (cq * bed[1] + cv * bed[2])  # of the push with z
+    speed = math.sqrt(u[0] * u[0] + u[1] * u[1] + bed[4] ** 2)
+    for side in range(2):
+        share = c * (w if side == 1 else 1.0 - w)
+        j = pack.r[e + 1] if side == 1 else pack.r[e]
+        J[at + 2, bw + j - at] -= share * rate
+        for m in range(2):
+            J[at + m, bw + j + 2 - at - m] += share * rate * bed[3] * u[m] / speed
+            J[at + m, bw + j - at] += share * cv * bed[3] * push / speed
+            for n in range(2):
+                J[at + m, bw + j + n - at - m] -= share * cv * bed[3] * push * u[m] * u[n] / speed**3
+
+
+@kernel
+def catenary_rate(q, v, a, cq, cv, ca, e, w, wd, wp, at, pack, J):
+    l, bw, c = pack.l[e], pack.bw, pack.give[e, 3]
+    put_difference(J, bw, at, pack.r, e, wd * (cv + cq * pack.rate), pack.axes)
+    N, rate = between(q, pack.N, e, w, pack.axes), between(v, pack.N, e, w, pack.axes)
+    t, T = unit(N)
+    inverse = 1.0 / T if T > 0.0 else 1e300
+    A = pack.m3[0]
+    A[:] = 0.0
+    along = cv + cq * pack.rate
+    for m in range(3):
+        A[m, m] = along * (inverse + c)
+    add_pair(A, -along * inverse, t, t)
+    if cq != 0.0:  # the projector (I - t t)/T turns with N
+        s = cq * inverse * inverse
+        tr = dot(t, rate)
+        for m in range(3):
+            A[m, m] -= s * tr
+        add_pair(A, 3.0 * s * tr, t, t)
+        add_pair(A, -s, t, rate)
+        add_pair(A, -s, rate, t)
+    put_mean(J, bw, at, pack.N, e, w, -wp * l, A)
+    linear_momentum_rate(q, v, a, cq, cv, ca, e, w, wd, wp, at + 3, pack, J)
+
+
+@kernel
+def rod_rate(q, v, a, cq, cv, ca, e, w, wd, wp, at, pack, J):
+    """As `rod_element`, by the variations of the middle frame (dphi), of th, of omega and of its rate."""
+    l, bw, give, tau = pack.l[e], pack.bw, pack.give, pack.rate
+    m3, m34 = pack.m3, pack.m34
+    p, sign = middle(q, e, w, pack)
+    d1, d2, d3 = frame(p)
+    D = scale(1.0 / l, across(q, pack.r, e, pack.axes))
+    N, M = between(q, pack.N, e, w, pack.axes), between(q, pack.M, e, w, pack.axes)
+    omega = mean_spin(q, v, e, w, pack)
+    y = axpy(give[e, 3], N, scale(give[e, 4], M))
+    J3 = row(pack.inertia, e, pack.axes)
+    # d omega and d(omega rate) by node: U, V
+    for side in range(2):
+        share = w if side == 1 else 1.0 - w
+        pn, vn, an = state4(q, e + side, pack), state4(v, e + side, pack), state4(a, e + side, pack)
+        U, V = m34[2 * side], m34[2 * side + 1]
+        spin_matrix(pn, share * cv, U)
+        spin_matrix(pn, share * ca, V)
+        n2, speed = dot4(pn, pn), dot4(pn, vn)
+        if cv != 0.0 or cq != 0.0:
+            om = spin_of(pn, vn)
+            P = m34[6]
+            spin_matrix(pn, share, P)
+            for m in range(3):
+                for k in range(4):
+                    V[m, k] -= cv * (2.0 * speed / n2 * P[m, k] + share * 2.0 / n2 * om[m] * pn[k])
+            if cq != 0.0:
+                P[:] = 0.0
+                add_spin_turn(pn, vn, share * cq, P)
+                for m in range(3):
+                    for k in range(4):
+                        U[m, k] += P[m, k]
+                        V[m, k] -= 2.0 * speed / n2 * P[m, k]
+                        V[m, k] -= cq * share * om[m] * (2.0 * vn[k] / n2 - 4.0 * speed * pn[k] / n2**2)
+                add_spin_turn(pn, an, share * cq, V)
+    A_omega, A_third = m3[0], m3[1]
+    # rows (7): omega
+    A_omega[:] = 0.0
+    add_skew(A_omega, wp * l, D)
+    add_pair(A_omega, -wp * l, d3, cross(d3, y))
+    # rows (9): omega and its rate
+    T_omega, T_rate = m3[2], m3[3]
+    T_omega[:] = 0.0
+    T_rate[:] = 0.0
+    inertia = m3[4]
+    inertia[:] = 0.0
+    add_pair(inertia, J3[0], d1, d1)
+    add_pair(inertia, J3[1], d2, d2)
+    add_pair(inertia, J3[2], d3, d3)
+    for m in range(3):
+        for n in range(3):
+            T_rate[m, n] = wp * l * inertia[m, n]
+    skew_times(T_omega, wp * l, omega, inertia)
+    add_skew(T_omega, -wp * l, tensor(d1, d2, d3, J3, omega))
+    for side in range(2):
+        j = pack.p[e + side]
+        put_product(J, bw, at, j, A_omega, m34[2 * side])
+        put_product(J, bw, at + 9, j, T_omega, m34[2 * side])
+        put_product(J, bw, at + 9, j, T_rate, m34[2 * side + 1])
+    # forces and moments
+    put_difference(J, bw, at, pack.r, e, wd * (cv + cq * tau), pack.axes)
+    A_third[:] = 0.0
+    add_pair(A_third, -wp * l * (cv + cq * tau), d3, d3)
+    if cq != 0.0:
+        add_pair(A_third, -wp * l * cq, d3, cross(omega, d3))
+    put_mean(J, bw, at, pack.N, e, w, give[e, 3], A_third)
+    put_mean(J, bw, at, pack.M, e, w, give[e, 4], A_third)
+    linear_momentum_rate(q, v, a, cq, cv, ca, e, w, wd, wp, at + 3, pack, J)
+    if cq == 0.0:
+        return
+    c, x = relative(state4(q, e, pack), state4(q, e + 1, pack))
+    th = rotation_vector(c, x)[0]
+    square = dot(th, th)
+    beta, beta_rate = arc_factor(square)
+    b1, b2 = beta * th[0] * th[2], beta * th[1] * th[2]
+    b3 = 1.0 + dot(d3, y) - beta * (th[0] * th[0] + th[1] * th[1])
+    chord = axpy(b1, d1, axpy(b2, d2, scale(b3, d3)))
+    Ndot, Mdot = between(v, pack.N, e, w, pack.axes), between(v, pack.M, e, w, pack.axes)
+    ydot = axpy(give[e, 3], Ndot, scale(give[e, 4], Mdot))
+    strain_rate = dot(d3, ydot) + dot(y, cross(omega, d3))
+    Phi = m34[4]
+    for side in range(2):
+        share = w * sign if side == 1 else 1.0 - w
+        spin_matrix(p, share * cq, m34[4 + side])
+    relative_matrices(state4(q, e, pack), state4(q, e + 1, pack), cq, m34[7], m34[8])
+    # (7): D, dphi, th
+    A = m3[5]
+    A[:] = 0.0
+    add_skew(A, -wp * cq, omega)
+    put(J, bw, at, pack.r[e + 1], 1.0, A)
+    put(J, bw, at, pack.r[e], -1.0, A)
+    A_phi, A_th = m3[6], m3[7]
+    A_phi[:] = 0.0
+    add_skew(A_phi, wp * l * strain_rate, d3)
+    add_skew(A_phi, wp * l * tau, chord)
+    turned = axpy(tau, y, axpy(1.0, ydot, cross(y, omega)))
+    add_pair(A_phi, -wp * l, d3, cross(d3, turned))
+    A_th[:] = 0.0
+    # f = beta (th th3 - square e3): df = beta (th e3 + th3 I - 2 e3 th) + (th th3 - square e3) beta' th
+    for n in range(3):
+        f1 = beta * (th[0] * (1.0 if n == 2 else 0.0) + (th[2] if n == 0 else 0.0)) + th[0] * th[2] * beta_rate * th[n]
+        f2 = beta * (th[1] * (1.0 if n == 2 else 0.0) + (th[2] if n == 1 else 0.0)) + th[1] * th[2] * beta_rate * th[n]
+        f3 = beta * (th[2] * (2.0 if n == 2 else 0.0) - 2.0 * th[n]) + (th[2] ** 2 - square) * beta_rate * th[n]
+        col = axpy(f1, d1, axpy(f2, d2, scale(f3, d3)))
+        for m in range(3):
+            A_th[m, n] = -wp * l * tau * col[m]
+    # (8): dphi, M, N
+    B_phi, B_M, B_N = m3[8], m3[9], m3[10]
+    B_phi[:] = 0.0
+    B_M[:] = 0.0
+    B_N[:] = 0.0
+    for k in range(3):
+        d = d1 if k == 0 else d2 if k == 1 else d3
+        s = -wp * l * give[e, k]
+        turn = cross(d, M)
+        for m in range(3):
+            B_M[k, m] = s * cq * d[m]
+            B_phi[k, m] = s * turn[m]
+    turn = cross(d3, N)
+    for m in range(3):
+        B_N[2, m] = -wp * l * give[e, 4] * cq * d3[m]
+        B_phi[2, m] -= wp * l * give[e, 4] * turn[m]
+    put_mean(J, bw, at + 6, pack.M, e, w, 1.0, B_M)
+    put_mean(J, bw, at + 6, pack.N, e, w, 1.0, B_N)
+    # (9): dphi, N, D, M
+    C_phi = m3[11]
+    C_phi[:] = 0.0
+    one = acceleration_of(state4(q, e, pack), state4(v, e, pack), state4(a, e, pack))
+    two = acceleration_of(state4(q, e + 1, pack), state4(v, e + 1, pack), state4(a, e + 1, pack))
+    alpha = axpy(w, two, scale(1.0 - w, one))
+    times_skew(C_phi, wp * l, inertia, alpha)
+    add_skew(C_phi, -wp * l, tensor(d1, d2, d3, J3, alpha))
+    inner = m3[12]
+    inner[:] = 0.0
+    times_skew(inner, 1.0, inertia, omega)
+    add_skew(inner, -1.0, tensor(d1, d2, d3, J3, omega))
+    skew_times(C_phi, wp * l, omega, inner)
+    A[:] = 0.0
+    add_skew(A, -wp * l * cq, D)
+    put_mean(J, bw, at + 9, pack.N, e, w, 1.0, A)
+    A[:] = 0.0
+    add_skew(A, wp * cq, N)
+    put(J, bw, at + 9, pack.r[e + 1], 1.0, A)
+    put(J, bw, at + 9, pack.r[e], -1.0, A)
+    put_difference(J, bw, at + 9, pack.M, e, -wd * cq, pack.axes)
+    for side in range(2):
+        j = pack.p[e + side]
+        Phi = m34[4 + side]
+        put_product(J, bw, at, j, A_phi, Phi)
+        put_product(J, bw, at, j, A_th, m34[7 + side])
+        put_product(J, bw, at + 6, j, B_phi, Phi)
+        put(J, bw, at + 6, j, wd, m34[7 + side])
+        put_product(J, bw, at + 9, j, C_phi, Phi)
+
+
+@kernel
+def skew_times(A, c, u, B):
+    """A += c [u]x B."""
+    for n in range(3):
+        A[0, n] += c * (u[1] * B[2, n] - u[2] * B[1, n])
+        A[1, n] += c * (u[2] * B[0, n] - u[0] * B[2, n])
+        A[2, n] += c * (u[0] * B[1, n] - u[1] * B[0, n])
+
+
+@kernel
+def times_skew(A, c, B, u):
+    """A += c B [u]x."""
+    for m in range(3):
+        A[m, 0] += c * (B[m, 1] * u[2] - B[m, 2] * u[1])
+        A[m, 1] += c * (B[m, 2] * u[0] - B[m, 0] * u[2])
+        A[m, 2] += c * (B[m, 0] * u[1] - B[m, 1] * u[0])
+
+
+@kernel
+def element_rate(q, v, a, cq, cv, ca, e, w, wd, wp, at, pack, J):
+    if pack.rod[e]:
+        rod_rate(q, v, a, cq, cv, ca, e, w, wd, wp, at, pack, J)
+    else:
+        catenary_rate(q, v, a, cq, cv, ca, e, w, wd, wp, at, pack, J)
+
+
+@kernel
+def frame_rate(q, v, cq, cv, i, pack, J):
+    """Gauges and hinges."""
+    bw, k, j = pack.bw, pack.frame_row[i], pack.p[i]
+    p, pdot = state4(q, i, pack), state4(v, i, pack)
+    gauge = dot4(p, pdot) + 0.5 * pack.rate * (dot4(p, p) - 1.0)
+    last = len(pack.r) - 1
+    if pack.hinge[i] == 0:
+        for n in range(4):
+            J[k, bw + j + n - k] += cq * (pdot[n] + pack.rate * p[n]) + cv * p[n]
+        return
+    h = float(pack.hinge[i])
+    m = scale(h, load(q, pack.M[i], pack.axes))
+    if i == 0 or i == last:
+        m = axpy(-pack.load_factor, row(pack.end_moment, 0 if i == 0 else 1, pack.axes), m)
+    for n in range(4):
+        unit4 = (
+            1.0 if n == 0 else 0.0, 1.0 if n == 1 else 0.0, 1.0 if n == 2 else 0.0, 1.0 if n == 3 else 0.0,
+        )  # fmt: skip
+        x = times((0.0, m[0], m[1], m[2]), unit4)
+        g = cq * (pdot[n] + pack.rate * p[n]) + cv * p[n]
+        for s in range(4):
+            J[k + s, bw + j + n - k - s] += cq * 2.0 * x[s] + g * p[s] + (cq * gauge if s == n else 0.0)
+        if n > 0:
+            x = times(unit4, p)
+            for s in range(4):
+                J[k + s, bw + pack.M[i] + n - 1 - k - s] += cq * 2.0 * h * x[s]
+
+
+def tangent(t, q, v, a, cq, cv, ca, pack, J):
+    J[:] = 0.0
+    am, af, g = pack.space
+    for e in range(len(pack.l)):
+        if pack.head[e]:
+            element_rate(q, v, a, cq, cv, ca, e, 0.5, 1.0, 1.0, pack.row[e], pack, J)
+        else:
+            element_rate(q, v, a, cq, cv, ca, e, af, am, g, pack.row[e], pack, J)
+        if am != g and e + 1 < len(pack.l) and not pack.head[e + 1]:
+            element_rate(q, v, a, cq, cv, ca, e, af, 1.0 - am, 1.0 - g, pack.row[e + 1], pack, J)
+    last = len(pack.r) - 1
+    for i in range(last + 1):
+        if pack.frame_row[i] >= 0:
+            frame_rate(q, v, cq, cv, i, pack, J)
+    add_diagonal(J, pack.bw, pack.r[0], pack.N[0], -cq, pack.axes)
+    add_diagonal(J, pack.bw, pack.r[last], pack.N[last], cq, pack.axes)
+
+
+def constrained(pack):
+    return True
+
+
+def factorise(pack, J):
+    return factor_pivoting(J, pack.bw, pack.low, pack.high, pack.order, pack.end, pack.largest)
+
+
+def backsolve(pack, J, x):
+    substitute_pivoting(J, pack.bw, pack.low, pack.order, pack.end, x)
+
+
+def heft(t, q, e, pack, r):
+    """r = dF/da e: the inertia of an error of velocity."""
+    r[:] = 0.0
+    for k in range(len(pack.l)):
+        f = pack.row[k] + 3
+        t3 = unit(across(q, pack.r, k, pack.axes))[0]
+        x = swung(between(e, pack.r, k, 0.5, pack.axes), t3, pack.mass[k], pack.mn[k], pack.mt[k])
+        add_to(r, f, pack.l[k], x)
+        if pack.rod[k]:
+            d1, d2, d3 = frame(middle(q, k, 0.5, pack)[0])
+            spin = mean_spin(q, e, k, 0.5, pack)
+            add_to(r, f + 6, pack.l[k], tensor(d1, d2, d3, row(pack.inertia, k, pack.axes), spin))
+
+
+# ------------------------------------------------------------------------------------------------- energies
+
+
+def energies(t, q, v, a, pack, e):
+    e[:] = 0.0
+    f = pack.load_factor
+    for k in range(len(pack.l)):
+        l = pack.l[k]
+        D = across(q, pack.r, k, pack.axes)
+        t3, chord = unit(D)
+        x, u = between(q, pack.r, k, 0.5, pack.axes), between(v, pack.r, k, 0.5, pack.axes)
+        swing = pack.mt[k] - pack.mn[k]
+        ut = dot(t3, u)
+        e[KINETIC] += 0.5 * l * ((pack.mass[k] + pack.mn[k]) * dot(u, u) + swing * ut * ut)
+        if swing != 0.0 and chord > 0.0:
+            w = across(v, pack.r, k, pack.axes)
+            turning = scale(1.0 / chord, axpy(-dot(t3, w), t3, w))
+            e[ROTATION] += l * swing * ut * dot(u, turning)
+        e[GRAVITY] -= f * l * dot(row(pack.load, k, pack.axes), x)
+        if len(pack.cn) > 0:
+            push = drag(relative_speed(q, v, k, 0.5, pack), t3, pack.cn[k], pack.ct[k])
+            e[WATER] += chord * dot(push, u)
+        if len(pack.bed) > 0:
+            depth = pack.bed[0] - x[2]
+            if depth > 0.0:
+                push = l * bed_force(depth, u[2], pack.bed_width[k], pack.bed)
+                spring = l * pack.bed_width[k] * pack.bed[1] * depth
+                square = u[0] * u[0] + u[1] * u[1]
+                e[STRAIN] += 0.5 * spring * depth
+                e[SEABED] += (spring - push) * u[2] + pack.bed[3] * push * square / math.sqrt(
+                    square + pack.bed[4] ** 2
+                )
+        N = between(q, pack.N, k, 0.5, pack.axes)
+        if not pack.rod[k]:
+            T = math.sqrt(dot(N, N))
+            e[STRAIN] += 0.5 * l * pack.give[k, 3] * T * T
+            if not (T >= pack.least[0]):
+                pack.least[0] = T
+            continue
+        d1, d2, d3 = frame(middle(q, k, 0.5, pack)[0])
+        M = between(q, pack.M, k, 0.5, pack.axes)
+        T, torque = dot(d3, N), dot(d3, M)
+        m1, m2 = dot(d1, M), dot(d2, M)
+        e[STRAIN] += 0.5 * l * (
+            pack.give[k, 0] * m1 * m1 + pack.give[k, 1] * m2 * m2 + pack.give[k, 2] * torque * torque
+            + pack.give[k, 3] * T * T + 2.0 * pack.give[k, 4] * T * torque
+        )  # fmt: skip
+        omega = mean_spin(q, v, k, 0.5, pack)
+        e[KINETIC] += 0.5 * l * dot(omega, tensor(d1, d2, d3, row(pack.inertia, k, pack.axes), omega))
+        e[ROTATION] += f * l * dot(row(pack.moment, k, pack.axes), omega)  # a steady moment has no potential
+    last = len(pack.r) - 1
+    for side in range(2):
+        i = 0 if side == 0 else last
+        e[GRAVITY] -= f * dot(row(pack.end_force, side, pack.axes), load(q, pack.r[i], pack.axes))
+        if pack.p[i] >= 0:
+            spin = spin_of(state4(q, i, pack), state4(v, i, pack))
+            e[ROTATION] += f * dot(row(pack.end_moment, side, pack.axes), spin)
