@@ -35,6 +35,7 @@ from .quantities import QUANTITIES
 SHARE = 1.0  # of `accuracy`: the share of the load that a catenary may neglect
 WINDOWS = 24  # at least, in a run
 PER_PERIOD = 8  # windows in the shortest period of the excitation
+WORTH = 0.8  # domains shrink when at most this share of their elements is left
 ROUNDS = 8  # of static state and domains
 
 
@@ -100,6 +101,38 @@ def _still(model: RodModel, q: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.n
     return q[None], np.zeros((1, model.ndof)), np.zeros((1, len(model.pack.fixed))), q
 
 
+def _accelerations(old: RodModel, new: RodModel, a: np.ndarray) -> np.ndarray:
+    out = np.zeros(new.ndof)
+    out[new.pack.r[:, None] + np.arange(3)] = a[old.pack.r[:, None] + np.arange(3)]
+    return out
+
+
+def inertial_load(model: RodModel, q: np.ndarray, v: np.ndarray, a: np.ndarray) -> np.ndarray:
+    """(ndof,) what inertia and drag of the motion (v, a) add to the static equations: those of the linear momentum."""
+    moving, still, zero = np.zeros(model.ndof), np.zeros(model.ndof), np.zeros(model.ndof)
+    call_residual(0.0, q, v, a, model.pack, moving)
+    call_residual(0.0, q, zero, zero, model.pack, still)
+    load = np.zeros(model.ndof)
+    rows = model.pack.row[:, None] + np.arange(3, 6)
+    load[rows] = (moving - still)[rows]
+    return load
+
+
+def changed(
+    old: RodModel, new: RodModel, t: float, q: np.ndarray, v: np.ndarray, a: np.ndarray
+) -> tuple[np.ndarray, np.ndarray]:
+    """The state of `old` at time t as one of `new`, in balance: under the inertia and drag that it had, frames, forces and
+    moments (and by a little the shape) settle as at rest. Otherwise each kink of a joint would ring."""
+    p, w = domains.carry_over(old, new, q, v)
+    trial = p.copy()
+    load = inertial_load(new, p, w, _accelerations(old, new, a))
+    failed, _, _ = statics.newton_relaxation(t, trial, new.pack, load, 40, 1e-8, 0.0)
+    if failed:
+        return p, w
+    new.spin_along(trial, w)
+    return trial, w
+
+
 class Estimate(NamedTuple):
     """Estimated relative errors of a hybrid state against the full rod."""
 
@@ -120,17 +153,11 @@ def joint_error(model: RodModel, q: np.ndarray, v: np.ndarray, a: np.ndarray) ->
     bends = np.array([model.scene.cable[k].EI > 0 for k in model.section])
     full = RodModel(model.scene, model.asked, bends, 1.0, model.name)
     x, w = domains.carry_over(model, full, q, v)
-    acc = np.zeros(full.ndof)
-    for i in range(full.nodes):
-        for mine, its in ((full.pack.r, model.pack.r),):
-            acc[mine[i] : mine[i] + 3] = a[its[i] : its[i] + 3]
+    acc = _accelerations(model, full, a)
     pack, zero = full.pack, np.zeros(full.ndof)
-    r, still = np.zeros(full.ndof), np.zeros(full.ndof)
-    call_residual(0.0, x, w, acc, pack, r)
-    call_residual(0.0, x, zero, zero, pack, still)
-    for e in np.flatnonzero(pack.rod):  # kinematics as at rest, and no rotary inertia of guessed spins
-        k = pack.row[e]
-        r[k : k + 3], r[k + 9 : k + 12] = still[k : k + 3], still[k + 9 : k + 12]
+    r = np.zeros(full.ndof)
+    call_residual(0.0, x, zero, zero, pack, r)
+    r += inertial_load(full, x, w, acc)
     J = np.zeros((full.ndof, 2 * pack.bw + 1))
     call_tangent(0.0, x, zero, zero, 1.0, 0.0, 0.0, pack, J)
     hold(J, pack.bw, pack.fixed)
@@ -194,7 +221,7 @@ def follow(
     ledger = np.full((len(grid), len(LEDGER)), np.nan)
     counts, seconds, changes, share, error, gap = np.zeros(4, dtype=np.int64), 0.0, 0, 0.0, 0.0, 0.0
     carried, peak, done, zero = np.zeros(len(LEDGER)), floor, 0, _energy(model, q, v)
-    status, before = Status.OK, 0
+    status, before, a = Status.OK, 0, np.zeros(model.ndof)
     for k in range(len(cut) - 1):
         here, after = slice(before, int(ends_at[k])), int(ends_at[k])
         for attempt in range(6):
@@ -208,7 +235,7 @@ def follow(
             if np.array_equal(rod, model.rod):
                 break
             larger = _model(model.scene, model.asked, ask, rod)
-            q, v = domains.carry_over(model, larger, q, v)
+            q, v, a = *changed(model, larger, float(cut[k]), q, v, a), _accelerations(model, larger, a)
             model, changes = larger, changes + 1
         n = int(out.at[0])
         rows = out.ledger[:n].copy()
@@ -229,13 +256,14 @@ def follow(
         if code != 0 or n < here.stop - here.start or valid[0] != Status.OK:
             status = Status(code) if code else (valid[0] if valid[0] != Status.OK else Status.DIVERGED)
             break
-        q, v = s.q[0].copy(), s.v[0].copy()
+        q, v, a = s.q[0].copy(), s.v[0].copy(), s.a[0].copy()
         if k % max(1, len(cut) // 8) == 0:
             error = max(error, joint_error(model, q, v, s.a[0]).worst)
         rod = domains.wanted(model, q, SHARE * ask.accuracy)
-        if not np.array_equal(rod, model.rod) and k + 2 < len(cut):
+        grows = bool((rod & ~model.rod).any())
+        if (grows or rod.sum() < WORTH * model.rod.sum()) and k + 2 < len(cut):
             other = _model(model.scene, model.asked, ask, rod)
-            q, v = domains.carry_over(model, other, q, v)
+            q, v, a = *changed(model, other, float(cut[k + 1]), q, v, a), _accelerations(model, other, a)
             model, changes = other, changes + 1
     return Followed(status, signals, ledger, gap / peak, counts, seconds, error, changes, share, model, done)
 

@@ -97,7 +97,8 @@ def launch(t, h, s, pack, w, floor, counts):
     copy(v, s.v[0])
     for step in range(2):
         for i in range(len(q)):
-            w.q[i], w.v[i], w.a[i] = q[i], 0.0, -v[i] / h
+            w.q[i], w.v[i], w.a[i] = q[i] + h * v[i], v[i], 0.0
+        t += h
         drive(t, pack, w.q, w.v, w.a)
         small = 1e-20 * (s.peak[0] + floor)
         for i in range(len(q)):
@@ -110,6 +111,7 @@ def launch(t, h, s, pack, w, floor, counts):
                 if pack.weight[i] == 0.0:
                     s.q[0, i] = w.q[i]
             q[i], v[i] = w.q[i], w.v[i]
+    t -= 2.0 * h
     drive(t, pack, s.q[0], s.v[0], s.a[0])
     residual(t, s.q[0], s.v[0], s.a[0], pack, s.r[0])
     return True

@@ -125,8 +125,8 @@ def equilibrium(packs: Sequence[Any], q: np.ndarray, reach: float, tolerance: fl
 
 
 @njit(cache=True)
-def newton_relaxation(t, q, pack, most, tolerance, mu):
-    """F(t, q, 0, 0) = 0 for a line whose rows are not forces on its unknowns (`heft` is not a diagonal), q in place.
+def newton_relaxation(t, q, pack, load, most, tolerance, mu):
+    """F(t, q, 0, 0) + load = 0 for a line whose rows are not forces on its unknowns (`heft` is not a diagonal), q in place.
 
     Newton on F plus mu dF/da (q - q_before): for mu > 0 a step of an overdamped motion (implicit Euler with the mass of
     the line as its damper), whose mu falls with the residual until it is Newton. Rows are measured in `pack.unit`,
@@ -141,6 +141,7 @@ def newton_relaxation(t, q, pack, most, tolerance, mu):
         free[pack.fixed[k]] = False
     drive(t, pack, q, v, a)
     residual(t, q, zero, zero, pack, r)
+    r += load
     size = _scaled(r, pack.unit, free)
     refused, last, stuck = 0, 1e300, 0
     for it in range(most):
@@ -163,6 +164,7 @@ def newton_relaxation(t, q, pack, most, tolerance, mu):
             for i in range(n):
                 trial[i] = q[i] + cut * step[i]
             residual(t, trial, zero, zero, pack, v)
+            v += load
             new = _scaled(v, pack.unit, free)
         if new < 1e300 and (new <= 3.0 * size or big <= 1e-3):
             q[:] = trial
@@ -203,17 +205,18 @@ def balance(pack: Any, starts: Sequence[np.ndarray], tolerance: float = 1e-10) -
     Continuation comes first because it stays on the branch that grows from the unloaded line: a slender rod has many
     equilibria, and Newton or relaxation from afar may land on any. All three are exact where they converge.
     """
+    none = np.zeros(len(starts[0]))
     for q in starts:
         trial = np.array(q)
-        failed, iterations, size = newton_relaxation(0.0, trial, pack, 60, tolerance, 0.0)
+        failed, iterations, size = newton_relaxation(0.0, trial, pack, none, 60, tolerance, 0.0)
         if not failed:
             return Status.OK, trial, f"{iterations} iterations, residual {size:.1e} of the loads"
     for q in starts:
         trial, load, step = np.array(q), 0.0, 0.1
         while load < 1.0 and step > 1e-4:
             target = min(1.0, load + step)
-            attempt = np.array(trial)
-            failed, _, size = newton_relaxation(0.0, attempt, pack._replace(load_factor=target), 40, tolerance, 0.0)
+            attempt, part = np.array(trial), pack._replace(load_factor=target)
+            failed, _, size = newton_relaxation(0.0, attempt, part, none, 40, tolerance, 0.0)
             if failed:
                 step *= 0.5
             else:
@@ -222,7 +225,7 @@ def balance(pack: Any, starts: Sequence[np.ndarray], tolerance: float = 1e-10) -
             return Status.OK, trial, "reached by load continuation"
     for q in starts:
         trial = np.array(q)
-        failed, iterations, size = newton_relaxation(0.0, trial, pack, 3000, tolerance, float(pack.rate) ** 2)
+        failed, iterations, size = newton_relaxation(0.0, trial, pack, none, 3000, tolerance, float(pack.rate) ** 2)
         if not failed:
             return Status.OK, trial, f"relaxed in {iterations} steps, residual {size:.1e} of the loads"
     return Status.NO_STATIC, trial, f"residual {size:.1e} of the loads after relaxation"
