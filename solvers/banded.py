@@ -56,13 +56,14 @@ def hold(J, bw, fixed):
 
 
 @kernel
-def factor_pivoting(J, bw, low, high, order, end, size):
+def factor_pivoting(J, bw, first, low, high, order, end, size):
     """J -> L U in place with row exchanges, for saddle-point systems whose rows cannot be ordered to be stable without.
 
     Parameters
     ----------
-    low, high : (n,) int
-        Last row with an entry in each column, not decreasing; last column with an entry in each row.
+    first, low, high : (n,) int
+        First column with an entry in each row; last row with an entry in each column, not decreasing; last column with
+        an entry in each row.
     order, end, size : (n,)
         Filled: exchanges, last column of each row of U, and (scratch) the inverse of each row's largest entry.
         bw must hold the fill: at least low - column plus high - row.
@@ -71,7 +72,7 @@ def factor_pivoting(J, bw, low, high, order, end, size):
     for i in range(n):
         end[i] = high[i]
         largest = 0.0
-        for m in range(max(0, bw - i), bw + high[i] - i + 1):
+        for m in range(bw + first[i] - i, bw + high[i] - i + 1):
             if not (abs(J[i, m]) <= largest):
                 largest = abs(J[i, m])
         if not (0.0 < largest < 1e300):

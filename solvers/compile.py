@@ -10,3 +10,6 @@ from numba import njit
 # 232 against 31 ns per node and evaluation), and a kernel that allocates then does not compile, so that no march can.
 NO_COUNTING: Any = {"_nrt": False}
 kernel: Any = njit(cache=True, **NO_COUNTING)
+
+# For kernels called once per element with a pack of many arrays: passing it costs more than the work.
+inlined: Any = njit(cache=True, inline="always", **NO_COUNTING)

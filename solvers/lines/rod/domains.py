@@ -91,13 +91,14 @@ def carry_over(old: RodModel, new: RodModel, q: np.ndarray, v: np.ndarray) -> tu
             p[mine[i] : mine[i] + 3], w[mine[i] : mine[i] + 3] = q[its[i] : its[i] + 3], v[its[i] : its[i] + 3]
     shape = np.array([q[a.r[i] : a.r[i] + 3] for i in range(old.nodes)])
     t = new.tangents(shape)
+    flexible = new.flexible
     new.frames(p, shape, spread=False)
     new.spin_along(p, w)
     for i in range(new.nodes):
         if b.p[i] >= 0 and a.p[i] >= 0:
             p[b.p[i] : b.p[i] + 4], w[b.p[i] : b.p[i] + 4] = q[a.p[i] : a.p[i] + 4], v[a.p[i] : a.p[i] + 4]
             p[b.M[i] : b.M[i] + 3], w[b.M[i] : b.M[i] + 3] = q[a.M[i] : a.M[i] + 3], v[a.M[i] : a.M[i] + 3]
-        elif b.p[i] < 0:
+        if flexible[i]:
             N = p[b.N[i] : b.N[i] + 3]
             p[b.N[i] : b.N[i] + 3] = max(float(N @ t[i]), 1e-3 * new.force_scale) * t[i]
     _continue_frames(old, new, p)

@@ -24,9 +24,9 @@ from __future__ import annotations
 
 import math
 
-from ...algebra import add_diagonal, add_outer, add_to, axpy, dot, load, row, scale, unit
+from ...algebra import add_diagonal, add_to, axpy, dot, load, row, scale, unit
 from ...banded import factor_pivoting, substitute_pivoting
-from ...compile import kernel
+from ...compile import inlined, kernel
 from ...dispatch import GRAVITY, KINETIC, ROTATION, SEABED, STRAIN, WATER
 from ...motion import held
 from ...rotation import (
@@ -44,7 +44,7 @@ from ...rotation import (
     spin_of,
     times,
 )
-from ...water import add_drag_rate, add_turning, bed_force, current, drag
+from ...water import bed_force, current, drag
 
 
 def drive(t, pack, q, v, a):
@@ -66,7 +66,7 @@ def drive(t, pack, q, v, a):
             q[i + m], v[i + m], a[i + m] = p[m], w * turn[m], dw * turn[m] - w * w * p[m]
 
 
-@kernel
+@inlined
 def state4(x, k, pack):
     """The quaternion of node k in the state x."""
     return load4(x, pack.p[k])
@@ -84,7 +84,7 @@ def across(x, at, e, axes):
     return axpy(-1.0, load(x, at[e], axes), load(x, at[e + 1], axes))
 
 
-@kernel
+@inlined
 def middle(q, e, w, pack):
     """Quaternion of the element's middle frame, and the sign that the far one is taken with."""
     pj, pk = state4(q, e, pack), state4(q, e + 1, pack)
@@ -92,7 +92,7 @@ def middle(q, e, w, pack):
     return mix(1.0 - w, pj, w * sign, pk), sign
 
 
-@kernel
+@inlined
 def mean_spin(q, v, e, w, pack):
     """(1 - w) omega_j + w omega_k."""
     one = spin_of(state4(q, e, pack), state4(v, e, pack))
@@ -117,7 +117,7 @@ def swung(x, t, m, mn, mt):
     return axpy((mt - mn) * dot(t, x), t, scale(m + mn, x))
 
 
-@kernel
+@inlined
 def relative_speed(q, v, e, w, pack):
     """Velocity relative to the water."""
     u = between(v, pack.r, e, w, pack.axes)
@@ -127,7 +127,7 @@ def relative_speed(q, v, e, w, pack):
     return u
 
 
-@kernel
+@inlined
 def linear_momentum(q, v, a, e, w, wd, wp, at, pack, r):
     """Eqs. (3), (10): r[at:] += wp l (m a + m_a a - F) - wd (N_k - N_j)."""
     l = pack.l[e]
@@ -147,7 +147,7 @@ def linear_momentum(q, v, a, e, w, wd, wp, at, pack, r):
     add_to(r, at, -wd, across(q, pack.N, e, pack.axes))
 
 
-@kernel
+@inlined
 def catenary_element(q, v, a, e, w, wd, wp, at, pack, r):
     """Eqs. (1)-(3) with t + c N in place of (1 + e) t."""
     l = pack.l[e]
@@ -162,7 +162,7 @@ def catenary_element(q, v, a, e, w, wd, wp, at, pack, r):
     linear_momentum(q, v, a, e, w, wd, wp, at + 3, pack, r)
 
 
-@kernel
+@inlined
 def rod_element(q, v, a, e, w, wd, wp, at, pack, r):
     """Eqs. (7)-(10)."""
     l, give = pack.l[e], pack.give
@@ -206,7 +206,7 @@ def rod_element(q, v, a, e, w, wd, wp, at, pack, r):
     add_to(r, at + 9, wp * l, axpy(-1.0, cross(D, N), axpy(-f, row(pack.moment, e, pack.axes), spin)))
 
 
-@kernel
+@inlined
 def element(q, v, a, e, w, wd, wp, at, pack, r):
     if pack.rod[e]:
         rod_element(q, v, a, e, w, wd, wp, at, pack, r)
@@ -214,18 +214,33 @@ def element(q, v, a, e, w, wd, wp, at, pack, r):
         catenary_element(q, v, a, e, w, wd, wp, at, pack, r)
 
 
+@kernel
+def share(e, part, space, head, row):
+    """Row, place and weights with which element e enters its own equation (part 0) and the next one's (part 1).
+
+    Generalised-alpha in space for Y' = Phi(Y), with its nodal rates eliminated between two elements, reads
+    am dY_e/l_e + (1 - am) dY_{e-1}/l_{e-1} = g Phi_e + (1 - g) Phi_{e-1}, Phi at the af point of its element. The first
+    element of a domain takes the box rule, and for rho = 1 (am = g = af = 1/2) all do. -1: it does not enter.
+    """
+    am, af, g = space
+    if part == 0:
+        if head[e] or am == g:
+            return row[e], 0.5, 1.0, 1.0
+        return row[e], af, am, g
+    if am == g or e + 1 == len(row) or head[e + 1]:
+        return -1, af, am, g
+    return row[e + 1], af, 1.0 - am, 1.0 - g
+
+
 def residual(t, q, v, a, pack, r):
     """Elements, then frames' gauges and hinges, then the ends: r there is the external force and, twice and in
     quaternion form, the external moment."""
     r[:] = 0.0
-    am, af, g = pack.space
     for e in range(len(pack.l)):
-        if pack.head[e]:
-            element(q, v, a, e, 0.5, 1.0, 1.0, pack.row[e], pack, r)
-        else:
-            element(q, v, a, e, af, am, g, pack.row[e], pack, r)
-        if am != g and e + 1 < len(pack.l) and not pack.head[e + 1]:
-            element(q, v, a, e, af, 1.0 - am, 1.0 - g, pack.row[e + 1], pack, r)
+        for part in range(2):
+            at, w, wd, wp = share(e, part, pack.space, pack.head, pack.row)
+            if at >= 0:
+                element(q, v, a, e, w, wd, wp, at, pack, r)
     last = len(pack.r) - 1
     for i in range(last + 1):
         k = pack.frame_row[i]
@@ -304,65 +319,94 @@ def put_mean(J, bw, i, at, e, w, c, A):
     put(J, bw, i, at[e + 1], c * w, A)
 
 
-@kernel
-def linear_momentum_rate(q, v, a, cq, cv, ca, e, w, wd, wp, at, pack, J):
-    l, bw = pack.l[e], pack.bw
-    D = across(q, pack.r, e, pack.axes)
-    t, chord = unit(D)
-    rj, rk = pack.r[e], pack.r[e + 1]
-    put_difference(J, bw, at, pack.N, e, -wd * cq, pack.axes)
+@inlined
+def momentum_matrices(q, v, a, cq, cv, ca, e, w, wp, pack):
+    """How the linear momentum changes with the mean motion (m3[13]) and with the chord (m3[14])."""
+    l = pack.l[e]
+    t, chord = unit(across(q, pack.r, e, pack.axes))
     swing = pack.mt[e] - pack.mn[e]
-    for side in range(2):
-        share = (w if side == 1 else 1.0 - w) * wp * l * ca
-        i = rk if side == 1 else rj
-        add_diagonal(J, bw, at, i, share * (pack.mass[e] + pack.mn[e]), pack.axes)
-        if swing != 0.0:
-            add_outer(J, bw, at, i, share * swing, t, t)
-    inverse = 1.0 / chord if chord > 0.0 else 0.0
-    if len(pack.cn) > 0:
-        stretch = chord / l
+    mean, turn = pack.m3[13], pack.m3[14]
+    inertia = ca * (pack.mass[e] + pack.mn[e])
+    for m in range(3):
+        for n in range(3):
+            mean[m, n] = ca * swing * t[m] * t[n]
+            turn[m, n] = 0.0
+        mean[m, m] += inertia
+    wet = len(pack.cn) > 0
+    if wet:
         u = relative_speed(q, v, e, w, pack)
-        cn, ct = pack.cn[e] * stretch, pack.ct[e] * stretch
-        for side in range(2):
-            share = (w if side == 1 else 1.0 - w) * wp * l
-            add_drag_rate(J, bw, at, rk if side == 1 else rj, cv * share, u, t, cn, ct, pack.axes)
-        if cq != 0.0:
-            acc = between(a, pack.r, e, w, pack.axes)
-            add_turning(J, bw, at, rj, rk, cq * wp * l, inverse, t, u, acc, cn, ct, swing)
-            push = drag(u, t, pack.cn[e], pack.ct[e])
-            add_outer(J, bw, at, rk, cq * wp, push, t)
-            add_outer(J, bw, at, rj, -cq * wp, push, t)
+        ut = dot(t, u)
+        un = axpy(-ut, t, u)
+        size = math.sqrt(dot(un, un))
+        cn, ct = pack.cn[e] * chord / l, pack.ct[e] * chord / l
+        inverse = 1.0 / size if size > 0.0 else 0.0
+        add_drag_matrix(mean, cv, t, ut, un, size, inverse, cn, ct)
+    if cq != 0.0 and (wet or swing != 0.0):
+        acc = between(a, pack.r, e, w, pack.axes)
+        at_t = dot(t, acc)
+        twist = swing * at_t
+        along = scale(swing, axpy(-at_t, t, acc))
+        if wet:
+            twist += ct * abs(ut) * ut - cn * size * ut
+            along = axpy(2.0 * ct * abs(ut) - cn * size, un, along)
+            add_pair(turn, -cn * ut * inverse, un, un)
+        # d(force)/dt over the chord, which turns t by (I - t t) dD: twist (I - t t) + t (x) along
+        add_pair(turn, -twist, t, t)
+        add_pair(turn, 1.0, t, along)
+        for m in range(3):
+            turn[m, m] += twist
+        c = cq * wp * l / chord if chord > 0.0 else 0.0
+        for m in range(3):
+            for n in range(3):
+                turn[m, n] *= c
+        if wet:
+            push = axpy(pack.cn[e] * size, un, scale(pack.ct[e] * abs(ut) * ut, t))
+            add_pair(turn, cq * wp, push, t)
             if len(pack.levels) > 0:
                 z = between(q, pack.r, e, w, pack.axes)[2]
-                slope = scale(-pack.load_factor, current(z, pack.levels, pack.profile, pack.axes)[1])
-                A = pack.m3[15]
-                drag_matrix(u, t, cn, ct, A)
+                slope = scale(-pack.load_factor * cq, current(z, pack.levels, pack.profile, pack.axes)[1])
+                inner = pack.m3[15]
                 for m in range(3):
-                    f = cq * wp * l * (A[m, 0] * slope[0] + A[m, 1] * slope[1] + A[m, 2] * slope[2])
-                    J[at + m, bw + rj + 2 - at - m] += (1.0 - w) * f
-                    J[at + m, bw + rk + 2 - at - m] += w * f
-    elif cq != 0.0 and swing != 0.0:
-        acc = between(a, pack.r, e, w, pack.axes)
-        add_turning(J, bw, at, rj, rk, cq * wp * l, inverse, t, pack.axes, acc, 0.0, 0.0, swing)
+                    for n in range(3):
+                        inner[m, n] = 0.0
+                add_drag_matrix(inner, 1.0, t, ut, un, size, inverse, cn, ct)
+                for m in range(3):
+                    mean[m, 2] += dot(row(inner, m, pack.axes), slope)
+    for m in range(3):
+        for n in range(3):
+            mean[m, n] *= wp * l
+
+
+@inlined
+def momentum_rate(q, v, a, cq, cv, ca, e, w, wd, wp, at, pack, J):
+    """J rows of the linear momentum."""
+    bw, l = pack.bw, pack.l[e]
+    momentum_matrices(q, v, a, cq, cv, ca, e, w, wp, pack)
+    mean, turn = pack.m3[13], pack.m3[14]
+    rj, rk, Nj, Nk = pack.r[e], pack.r[e + 1], pack.N[e], pack.N[e + 1]
+    for m in range(3):
+        i = at + m
+        k = bw - i
+        for n in range(3):
+            J[i, k + rj + n] += (1.0 - w) * mean[m, n] - turn[m, n]
+            J[i, k + rk + n] += w * mean[m, n] + turn[m, n]
+        J[i, k + Nj + m] += wd * cq
+        J[i, k + Nk + m] -= wd * cq
     if len(pack.bed) > 0:
         bed_rate(q, v, cq, cv, e, w, wp * l, at, pack, J)
 
 
 @kernel
-def drag_matrix(u, t, cn, ct, A):
-    """A = d(drag)/du."""
-    ut = dot(t, u)
-    un = axpy(-ut, t, u)
-    size = math.sqrt(dot(un, un))
-    A[:] = 0.0
+def add_drag_matrix(A, c, t, ut, un, size, inverse, cn, ct):
+    """A += c d(drag)/du, with u = ut t + un, size = |un| and its inverse."""
+    x, y, z = c * cn * size, c * (2.0 * ct * abs(ut) - cn * size), c * cn * inverse
     for m in range(3):
-        A[m, m] = cn * size
-    add_pair(A, 2.0 * ct * abs(ut) - cn * size, t, t)
-    if size > 0.0:
-        add_pair(A, cn / size, un, un)
+        for n in range(3):
+            A[m, n] += y * t[m] * t[n] + z * un[m] * un[n]
+        A[m, m] += x
 
 
-@kernel
+@inlined
 def bed_rate(q, v, cq, cv, e, w, c, at, pack, J):
     """How the bed's push and friction change."""
     bw, bed = pack.bw, pack.bed
@@ -383,32 +427,32 @@ def bed_rate(q, v, cq, cv, e, w, c, at, pack, J):
                 J[at + m, bw + j + n - at - m] -= share * cv * bed[3] * push * u[m] * u[n] / speed**3
 
 
-@kernel
+@inlined
 def catenary_rate(q, v, a, cq, cv, ca, e, w, wd, wp, at, pack, J):
     l, bw, c = pack.l[e], pack.bw, pack.give[e, 3]
-    put_difference(J, bw, at, pack.r, e, wd * (cv + cq * pack.rate), pack.axes)
     N, rate = between(q, pack.N, e, w, pack.axes), between(v, pack.N, e, w, pack.axes)
     t, T = unit(N)
     inverse = 1.0 / T if T > 0.0 else 1e300
-    A = pack.m3[0]
-    A[:] = 0.0
     along = cv + cq * pack.rate
+    s = cq * inverse * inverse  # the projector (I - t t)/T turns with N
+    tr = dot(t, rate)
+    diagonal, pair = along * (inverse + c) - s * tr, 3.0 * s * tr - along * inverse
+    rj, rk, Nj, Nk = pack.r[e], pack.r[e + 1], pack.N[e], pack.N[e + 1]
     for m in range(3):
-        A[m, m] = along * (inverse + c)
-    add_pair(A, -along * inverse, t, t)
-    if cq != 0.0:  # the projector (I - t t)/T turns with N
-        s = cq * inverse * inverse
-        tr = dot(t, rate)
-        for m in range(3):
-            A[m, m] -= s * tr
-        add_pair(A, 3.0 * s * tr, t, t)
-        add_pair(A, -s, t, rate)
-        add_pair(A, -s, rate, t)
-    put_mean(J, bw, at, pack.N, e, w, -wp * l, A)
-    linear_momentum_rate(q, v, a, cq, cv, ca, e, w, wd, wp, at + 3, pack, J)
+        i = at + m
+        k = bw - i
+        for n in range(3):
+            x = pair * t[m] * t[n] - s * (t[m] * rate[n] + rate[m] * t[n])
+            if m == n:
+                x += diagonal
+            J[i, k + Nj + n] -= wp * l * (1.0 - w) * x
+            J[i, k + Nk + n] -= wp * l * w * x
+        J[i, k + rj + m] -= wd * along
+        J[i, k + rk + m] += wd * along
+    momentum_rate(q, v, a, cq, cv, ca, e, w, wd, wp, at + 3, pack, J)
 
 
-@kernel
+@inlined
 def rod_rate(q, v, a, cq, cv, ca, e, w, wd, wp, at, pack, J):
     """As `rod_element`, by the variations of the middle frame (dphi), of th, of omega and of its rate."""
     l, bw, give, tau = pack.l[e], pack.bw, pack.give, pack.rate
@@ -476,7 +520,7 @@ def rod_rate(q, v, a, cq, cv, ca, e, w, wd, wp, at, pack, J):
         add_pair(A_third, -wp * l * cq, d3, cross(omega, d3))
     put_mean(J, bw, at, pack.N, e, w, give[e, 3], A_third)
     put_mean(J, bw, at, pack.M, e, w, give[e, 4], A_third)
-    linear_momentum_rate(q, v, a, cq, cv, ca, e, w, wd, wp, at + 3, pack, J)
+    momentum_rate(q, v, a, cq, cv, ca, e, w, wd, wp, at + 3, pack, J)
     if cq == 0.0:
         return
     c, x = relative(state4(q, e, pack), state4(q, e + 1, pack))
@@ -582,7 +626,7 @@ def times_skew(A, c, B, u):
         A[m, 2] += c * (B[m, 0] * u[1] - B[m, 1] * u[0])
 
 
-@kernel
+@inlined
 def element_rate(q, v, a, cq, cv, ca, e, w, wd, wp, at, pack, J):
     if pack.rod[e]:
         rod_rate(q, v, a, cq, cv, ca, e, w, wd, wp, at, pack, J)
@@ -590,7 +634,7 @@ def element_rate(q, v, a, cq, cv, ca, e, w, wd, wp, at, pack, J):
         catenary_rate(q, v, a, cq, cv, ca, e, w, wd, wp, at, pack, J)
 
 
-@kernel
+@inlined
 def frame_rate(q, v, cq, cv, i, pack, J):
     """Gauges and hinges."""
     bw, k, j = pack.bw, pack.frame_row[i], pack.p[i]
@@ -620,15 +664,15 @@ def frame_rate(q, v, cq, cv, i, pack, J):
 
 
 def tangent(t, q, v, a, cq, cv, ca, pack, J):
-    J[:] = 0.0
-    am, af, g = pack.space
+    """Clears and fills what the factors read; the rest of the storage, most of it in catenary rows, stays as it is."""
+    for i in range(len(J)):
+        for m in range(pack.bw + pack.clear[i, 0] - i, pack.bw + pack.clear[i, 1] - i + 1):
+            J[i, m] = 0.0
     for e in range(len(pack.l)):
-        if pack.head[e]:
-            element_rate(q, v, a, cq, cv, ca, e, 0.5, 1.0, 1.0, pack.row[e], pack, J)
-        else:
-            element_rate(q, v, a, cq, cv, ca, e, af, am, g, pack.row[e], pack, J)
-        if am != g and e + 1 < len(pack.l) and not pack.head[e + 1]:
-            element_rate(q, v, a, cq, cv, ca, e, af, 1.0 - am, 1.0 - g, pack.row[e + 1], pack, J)
+        for part in range(2):
+            at, w, wd, wp = share(e, part, pack.space, pack.head, pack.row)
+            if at >= 0:
+                element_rate(q, v, a, cq, cv, ca, e, w, wd, wp, at, pack, J)
     last = len(pack.r) - 1
     for i in range(last + 1):
         if pack.frame_row[i] >= 0:
@@ -642,7 +686,7 @@ def constrained(pack):
 
 
 def factorise(pack, J):
-    return factor_pivoting(J, pack.bw, pack.low, pack.high, pack.order, pack.end, pack.largest)
+    return factor_pivoting(J, pack.bw, pack.first, pack.low, pack.high, pack.order, pack.end, pack.largest)
 
 
 def backsolve(pack, J, x):

@@ -101,6 +101,11 @@ class RodModel:
         ends = (scene.end_a, scene.end_b)
         return any(end.twist != 0.0 for end in ends)
 
+    @property
+    def flexible(self) -> np.ndarray:
+        """(n,) bool: nodes of catenary domains, joints included, where the force lies along the line."""
+        return np.concatenate([[False], ~self.rod]) | np.concatenate([~self.rod, [False]])
+
     # ------------------------------------------------------------------------------------------ start
 
     reach = math.nan  # statics of this family are scaled by `pack.size` and `pack.unit`
@@ -152,9 +157,10 @@ class RodModel:
         pack, end_a, end_b = self.pack, self.scene.end_a, self.scene.end_b
         passed = np.concatenate([[np.zeros(3)], np.cumsum(pack.load * pack.l[:, None], axis=0)])
         total = np.abs(passed).max() + 1e-12
-        if end_b.kind == "free" and self.scene.start.kind == "static":
+        loose = self.scene.start.kind != "released"
+        if end_b.kind == "free" and loose:
             N = np.array(end_b.force or (0, 0, 0)) + passed[-1] - passed
-        elif end_a.kind == "free" and self.scene.start.kind == "static":
+        elif end_a.kind == "free" and loose:
             N = -np.array(end_a.force or (0, 0, 0)) - passed
         else:
             EA = 1 / np.where(pack.give[:, 3] > 0, pack.give[:, 3], 1e-30)
@@ -168,9 +174,14 @@ class RodModel:
                 slope = (t[-1, 2] - t[0, 2]) / max(float(np.hypot(t[-1, 0], t[-1, 1])), 0.1)
                 H = total / max(abs(float(slope)), 0.1)
                 N = H * flat / max(float(np.linalg.norm(flat)), 1e-9) + passed[low] - passed
-        weak = np.linalg.norm(N, axis=1) < 1e-3 * total
-        along = np.concatenate([t, t[-1:]])
-        N[weak] = 1e-3 * total * along[weak]
+        along = np.concatenate([t[:1], t[1:] + t[:-1], t[-1:]])
+        along /= np.maximum(np.linalg.norm(along, axis=1), 1e-12)[:, None]
+        pull = (N * along).sum(axis=1)
+        flexible = self.flexible
+        slack = flexible & (pull < 0.03 * np.linalg.norm(N, axis=1) + 1e-3 * total)
+        given = flexible & (self.scene.start.kind == "given")
+        N[given] = (pull[:, None] * along)[given]
+        N[slack] = (0.03 * np.linalg.norm(N, axis=1) + 1e-3 * total)[slack, None] * along[slack]
         return N
 
     def frames(self, q: np.ndarray, shape: np.ndarray, spread: bool = True) -> None:

@@ -32,8 +32,10 @@ class Rod(NamedTuple):
     weight: np.ndarray  # (ndof,) inertia that weighs errors of velocity
     unit: np.ndarray  # (ndof,) typical size of each row
     size: np.ndarray  # (ndof,) typical size of each unknown
-    low: np.ndarray  # (ndof,) extents of the matrix: see banded.factor_pivoting
+    first: np.ndarray  # (ndof,) extents of the matrix: see banded.factor_pivoting
+    low: np.ndarray
     high: np.ndarray
+    clear: np.ndarray  # (ndof, 2) columns that the factors read in each row
     order: np.ndarray  # scratch of the factors
     end: np.ndarray
     largest: np.ndarray
@@ -179,6 +181,7 @@ class Layout(NamedTuple):
     frame_row: np.ndarray
     hinge: np.ndarray
     head: np.ndarray
+    first: np.ndarray
     low: np.ndarray
     high: np.ndarray
     bw: int
@@ -221,8 +224,10 @@ def lay_out(rod: np.ndarray, two_step: bool) -> Layout:
     first = np.array([min(at[x][i] for x in "rpNM" if at[x][i] >= 0) for i in range(n)])
     last = np.concatenate([first[1:], [ndof]]) - 1
     low, high = np.zeros(ndof, dtype=np.int64), np.zeros(ndof, dtype=np.int64)
+    begin = np.arange(ndof)
 
     def couple(r0: int, r1: int, c0: int, c1: int) -> None:
+        begin[r0:r1] = np.minimum(begin[r0:r1], c0)
         high[r0:r1] = np.maximum(high[r0:r1], c1 - 1)
         low[c0:c1] = np.maximum(low[c0:c1], r1 - 1)
 
@@ -237,7 +242,14 @@ def lay_out(rod: np.ndarray, two_step: bool) -> Layout:
     low = np.maximum.accumulate(low)
     index = np.arange(ndof)
     bw = int((low - index).max() + (high - index).max() + 1)
-    return Layout(at, row, frame_row, hinge, head, low, high, bw, ndof)
+    return Layout(at, row, frame_row, hinge, head, begin, low, high, bw, ndof)
+
+
+def read_by_factors(low: np.ndarray, high: np.ndarray) -> np.ndarray:
+    """(ndof, 2) first and last column that `banded.factor_pivoting` may read in each row slot, fill included."""
+    n = len(low)
+    first = np.searchsorted(low, np.arange(n))
+    return np.ascontiguousarray(np.column_stack([first, np.maximum.accumulate(high)[low]]), dtype=np.int64)
 
 
 def spatial(rho: float) -> tuple[float, float, float]:
@@ -321,7 +333,7 @@ def discretise(scene: sc.Scene, s: np.ndarray, section: np.ndarray, rod: np.ndar
 
     return Rod(
         axes=(0.0, 0.0, 0.0), bw=lay.bw, load_factor=1.0, rate=1.0 / tau, space=spatial(rho), fixed=ints(fixed),
-        weight=weight, unit=unit, size=size, low=ints(lay.low), high=ints(lay.high),
+        weight=weight, unit=unit, size=size, first=ints(lay.first), low=ints(lay.low), high=ints(lay.high), clear=read_by_factors(lay.low, lay.high),
         order=np.zeros(ndof, dtype=np.int64), end=np.zeros(ndof, dtype=np.int64), largest=np.zeros(ndof),
         r=lay.at["r"], p=lay.at["p"], N=lay.at["N"], M=lay.at["M"], row=lay.row, frame_row=lay.frame_row,
         hinge=lay.hinge, rod=np.array(rod, dtype=bool), head=np.array(lay.head, dtype=bool), l=floats(l),
