@@ -1,8 +1,8 @@
 """Hybrid lines whose rod domains follow the motion: before the run from the static state, then window by window.
 
 A window that ends with a state which wants a rod outside the present domains is run again with larger ones; domains that
-are no longer wanted shrink at a window's end. The energy that a change of domains adds or takes stays in the ledger's
-gap. The error of the choice is estimated a posteriori: one Newton step of the full rod from the hybrid's state.
+are no longer wanted shrink at a window's end. The energy that a change of domains adds or takes is an error of the
+choice, not of the march: it goes into the estimated error, not into the ledger's gap. The error of the choice is estimated a posteriori: one Newton step of the full rod from the hybrid's state.
 """
 
 from __future__ import annotations
@@ -36,6 +36,7 @@ SHARE = 1.0  # of `accuracy`: the share of the load that a catenary may neglect
 WINDOWS = 24  # at least, in a run
 PER_PERIOD = 8  # windows in the shortest period of the excitation
 WORTH = 0.8  # domains shrink when at most this share of their elements is left
+NEGLIGIBLE = 1e-5  # share of the load that nobody asks about
 ROUNDS = 8  # of static state and domains
 
 
@@ -139,18 +140,32 @@ class Estimate(NamedTuple):
     shape: float  # largest move of a node over the line's largest departure from its chord
     tension: float  # over the largest force
     moment: float  # over the largest moment
+    energy: float = 0.0  # booked for changes of domains, over the peak energy
 
     @property
     def worst(self) -> float:
         return max(self)
 
 
+NOTHING_LEFT_OUT = Estimate(0.0, 0.0, 0.0)
+
+
+def worse(one: Estimate, other: Estimate) -> Estimate:
+    """The larger of each."""
+    return Estimate(*map(max, zip(one, other, strict=True)))
+
+
 def joint_error(model: RodModel, q: np.ndarray, v: np.ndarray, a: np.ndarray) -> Estimate:
     """What neglecting bending and the moment-free joints cost: the first Newton step of the full rod from this state,
     with its inertia and drag as they are."""
     if model.rod.all():
-        return Estimate(0.0, 0.0, 0.0)
+        return NOTHING_LEFT_OUT
     bends = np.array([model.scene.cable[k].EI > 0 for k in model.section])
+    if not bends.any():
+        return NOTHING_LEFT_OUT
+    ratio, length = domains.share_of_bending(model, q)
+    if (ratio[bends & ~model.rod] < NEGLIGIBLE).all():  # and a rod mesh could not resolve more
+        return NOTHING_LEFT_OUT
     full = RodModel(model.scene, model.asked, bends, 1.0, model.name)
     x, w = domains.carry_over(model, full, q, v)
     acc = _accelerations(model, full, a)
@@ -169,15 +184,16 @@ def joint_error(model: RodModel, q: np.ndarray, v: np.ndarray, a: np.ndarray) ->
     shape = full._nodal(x, pack.r)
     line = np.linspace(0, 1, full.nodes)[:, None]
     sag = np.abs(shape - (shape[0] + (shape[-1] - shape[0]) * line)).max()
+    sag = max(float(sag), 1e-3 * float(model.s[-1]))
     before, after = full.fields(x[None]), full.fields((x + step)[None])
+    before["moment"] = np.nan_to_num(model._nodal(q[None], model.pack.M))  # a catenary's is 0, not that of its curve
 
-    def change(name: str, at: Any) -> float:
+    def change(name: str) -> float:
         scale = np.abs(after[name]).max()
-        return float(np.abs(after[name] - before[name])[0][at].max(initial=0.0) / scale) if scale > 0 else 0.0
+        return float(np.abs(after[name] - before[name]).max() / scale) if scale > 0 else 0.0
 
-    here = np.concatenate([[False], model.rod]) | np.concatenate([model.rod, [False]])
-    moved = float(np.abs(full._nodal(step, pack.r)).max() / sag) if sag > 0 else 0.0
-    return Estimate(moved, change("tension", slice(None)), change("moment", here))
+    moved = float(np.abs(full._nodal(step, pack.r)).max() / sag)
+    return Estimate(moved, change("tension"), change("moment"))
 
 
 class Followed(NamedTuple):
@@ -189,7 +205,7 @@ class Followed(NamedTuple):
     residual: float  # of the energy balance
     counts: np.ndarray
     seconds: float
-    error: float  # largest estimated error of the hybrid
+    error: Estimate  # the worst on the way
     changes: int  # of domains
     share: float  # mean share of rod
     model: RodModel  # the last one
@@ -219,8 +235,10 @@ def follow(
     ends_at[-1] = len(grid)
     signals: list[dict[str, np.ndarray]] = []
     ledger = np.full((len(grid), len(LEDGER)), np.nan)
-    counts, seconds, changes, share, error, gap = np.zeros(4, dtype=np.int64), 0.0, 0, 0.0, 0.0, 0.0
-    carried, peak, done, zero = np.zeros(len(LEDGER)), floor, 0, _energy(model, q, v)
+    counts, seconds, changes, share, error, gap = np.zeros(4, dtype=np.int64), 0.0, 0, 0.0, NOTHING_LEFT_OUT, 0.0
+    open_by = 0.0
+    carried, peak, done, booked = np.zeros(len(LEDGER)), floor, 0, 0.0
+    zero = held = _energy(model, q, v)  # at the start, and at the present window's
     status, before, a = Status.OK, 0, np.zeros(model.ndof)
     for k in range(len(cut) - 1):
         here, after = slice(before, int(ends_at[k])), int(ends_at[k])
@@ -237,6 +255,8 @@ def follow(
             larger = _model(model.scene, model.asked, ask, rod)
             q, v, a = *changed(model, larger, float(cut[k]), q, v, a), _accelerations(model, larger, a)
             model, changes = larger, changes + 1
+            now = _energy(model, q, v)
+            booked, held = booked + abs(now - held), now
         n = int(out.at[0])
         rows = out.ledger[:n].copy()
         rows[:, 3:] += carried[3:]
@@ -244,8 +264,9 @@ def follow(
         total = s.ledger[0].copy()
         total[3:] += carried[3:]
         energy = float(total[:3].sum())
-        balance = energy - zero - float(total[3] - total[4:8].sum() + total[8])
-        gap = max(gap, abs(balance), float(s.peak[2]))
+        own = s.ledger[0]
+        open_by += energy - held - float(own[3] - own[4:8].sum() + own[8])
+        gap = max(gap, abs(open_by), float(s.peak[2]))
         peak = max(peak, float(s.peak[0]), abs(energy - zero))
         carried = total
         observed = model.observe(out.q[:n], out.v[:n], out.f[:n], static_like(model, static))
@@ -258,13 +279,16 @@ def follow(
             break
         q, v, a = s.q[0].copy(), s.v[0].copy(), s.a[0].copy()
         if k % max(1, len(cut) // 8) == 0:
-            error = max(error, joint_error(model, q, v, s.a[0]).worst)
+            error = worse(error, joint_error(model, q, v, s.a[0]))
         rod = domains.wanted(model, q, SHARE * ask.accuracy)
         grows = bool((rod & ~model.rod).any())
         if (grows or rod.sum() < WORTH * model.rod.sum()) and k + 2 < len(cut):
             other = _model(model.scene, model.asked, ask, rod)
             q, v, a = *changed(model, other, float(cut[k + 1]), q, v, a), _accelerations(model, other, a)
             model, changes = other, changes + 1
+            booked += abs(_energy(model, q, v) - energy)
+        held = _energy(model, q, v)
+    error = error._replace(energy=booked / peak)
     return Followed(status, signals, ledger, gap / peak, counts, seconds, error, changes, share, model, done)
 
 

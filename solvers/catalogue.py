@@ -311,12 +311,15 @@ def run(scene: sc.Scene, ask: Ask, choice: Choice) -> Response:
     if status != Status.OK:
         return Response(status=status, message=f"{note}; {REMEDY[status]}", **common)
     _in_range(choice.model, model.drift_error(static), "the drift in the current", ask)
+    joints = adaptive.NOTHING_LEFT_OUT
+    if line.constrained and scene.start.kind != "given":
+        joints = adaptive.joint_error(model, static, np.zeros(model.ndof), np.zeros(model.ndof))
     if periodic:
         return settle(model, ask, static, common)
     if ask.perturbation > 0:
         draw = np.random.default_rng(ask.seed)
         v += ask.perturbation * draw.standard_normal(len(v))
-    return march(model, ask, choice, static, q, v, common)
+    return march(model, ask, choice, static, q, v, common, joints)
 
 
 def _in_range(model: str, error: float, what: str, ask: Ask) -> None:
@@ -455,12 +458,13 @@ def _cost(counts: np.ndarray, seconds: float) -> Cost:
 
 
 def march(
-    model: Any, ask: Ask, choice: Choice, static: np.ndarray, q: np.ndarray, v: np.ndarray, common: dict[str, Any]
-) -> Response:
-    """From the start to a Response."""
+    model: Any, ask: Ask, choice: Choice, static: np.ndarray, q: np.ndarray, v: np.ndarray, common: dict[str, Any],
+    joints: adaptive.Estimate = adaptive.NOTHING_LEFT_OUT,
+) -> Response:  # fmt: skip
+    """From the start to a Response; `joints` is what the static state's catenary domains leave out."""
     pack, name = model.pack, choice.method
     if ask.duration <= 0:
-        return _at_rest(model, static, common)
+        return _at_rest(model, static, common, ask, joints)
     fastest = model.fastest(static)
     limits = limits_of(model, ask, name, fastest)
     grid = output_grid(ask)
@@ -478,7 +482,7 @@ def march(
         cost = _cost(run.counts, run.seconds)
         signals = adaptive.joined(run.signals)
         valid, why = (code, note) if code == Status.ZERO_TENSION else (Status.OK, "")
-        common["estimated_error"] = float(np.nanmax([common["estimated_error"], run.error]))
+        joints = adaptive.worse(joints, run.error)
         common["reason"] = f"{common['reason']}; {run.share:.0%} rod on average, {run.changes} changes of domains"
         zero = _static_energy(model, static)
     else:
@@ -488,6 +492,8 @@ def march(
         signals = model.observe(out.q[:done], out.v[:done], out.f[:done], static)
         valid, why = model.validity(signals)
         zero = _static_energy(model, static)
+        if MODELS[choice.model].constrained and code == Status.OK:
+            joints = adaptive.worse(joints, adaptive.joint_error(model, s.q[0], s.v[0], s.a[0]))
     per_period = 2 * math.pi * cost.steps / (matters * ask.duration) if matters > 0 else math.inf
     if code == Status.OK and done == len(grid):
         status, message = verdict(residual, guard, note, math.inf if METHODS[name].adaptive else per_period)
@@ -499,11 +505,23 @@ def march(
         message = f"{message}; {REMEDY[status]}" if message else REMEDY[status]
     if valid != Status.OK:
         status, message = valid, f"{why}; {REMEDY[valid]}"
+    elif status == Status.OK:
+        status, message = _enough_rod(joints, ask, message)
+    common["estimated_error"] = float(np.nanmax([common["estimated_error"], joints.worst]))
     signals |= {what: ledger[:done, k] - zero.get(what, 0.0) for k, what in enumerate(LEDGER)}
     return Response(
         status=status, message=message, t=grid[:done], signals=signals, energy_residual=residual, nodes_per_wave=nodes,
         steps_per_period=per_period, cost=cost, **common,
     )  # fmt: skip
+
+
+def _enough_rod(joints: adaptive.Estimate, ask: Ask, message: str) -> tuple[Status, str]:
+    """ROD_NEEDED where the catenary domains cost more than the accuracy asked."""
+    if joints.worst <= ask.accuracy:
+        return Status.OK, message
+    parts = ", ".join(f"{x:.2g} of the {what}" for what, x in joints._asdict().items())
+    why = f"bending left out in catenary domains: estimated error {parts}; `accuracy` is {ask.accuracy:g}"
+    return Status.ROD_NEEDED, f"{why}; {REMEDY[Status.ROD_NEEDED]}"
 
 
 def verdict(residual: float, guard: Status, note: str, steps_per_period: float) -> tuple[Status, str]:
@@ -524,9 +542,19 @@ def _static_energy(model: Any, static: np.ndarray) -> dict[str, float]:
     return {"strain": float(e[STRAIN]), "gravity": float(e[GRAVITY])}
 
 
-def _at_rest(model: Any, static: np.ndarray, common: dict[str, Any]) -> Response:
+def _still(model: Any, q: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
+    return q[None], np.zeros((1, model.ndof)), np.zeros((1, len(model.pack.fixed))), q
+
+
+def _at_rest(
+    model: Any, static: np.ndarray, common: dict[str, Any], ask: Ask, joints: adaptive.Estimate
+) -> Response:
     """The static state alone, as a Response with one sample."""
     guard, note, nodes = model.guards(static)
+    if guard == Status.OK:
+        guard, note = model.validity({"tension": model.observe(*_still(model, static))["tension"]})
+        guard, note = (guard, note) if guard != Status.OK else _enough_rod(joints, ask, note)
+    common["estimated_error"] = float(np.nanmax([common["estimated_error"], joints.worst]))
     zero, r = np.zeros(len(static)), np.zeros(len(static))
     call_residual(0.0, static, zero, zero, model.pack, r)
     signals = model.observe(static[None], zero[None], r[model.pack.fixed][None], static)

@@ -21,6 +21,7 @@ class Status(IntEnum):
     FEW_HARMONICS = 10
     UNSTABLE = 11
     ZERO_TENSION = 12
+    ROD_NEEDED = 13
 
 
 REMEDY = {
@@ -36,5 +37,6 @@ REMEDY = {
     Status.CANNOT_REPRESENT: "choose a model that can represent the scene (`sweep models`)",
     Status.FEW_HARMONICS: "the series is too short: raise `tolerance` or `harmonics`, or run the time domain",
     Status.UNSTABLE: "the periodic response exists but is unstable: run the time domain (`method: explicit`)",
-    Status.ZERO_TENSION: "a catenary has no direction without tension: `model: rod` or `hybrid`, or `lumped` for EI = 0",
+    Status.ZERO_TENSION: "a catenary has no direction without tension: `rod` or `hybrid` have, or `lumped` for EI = 0",
+    Status.ROD_NEEDED: "bending matters outside the rods: adaptive or larger `rods`, `model: rod`, or a larger `accuracy`",
 }

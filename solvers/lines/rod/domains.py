@@ -2,10 +2,12 @@
 
 Paper 001 asks that the transition come "at (or before) the earliest appearance of curvature and torsion as determined by
 an acceptably small threshold" and leaves the threshold open. Here it is the share of the load that bending and torsion
-would carry, estimated locally with the bending length lambda = sqrt(EI/T):
+would carry, estimated locally with the bending length lambda = sqrt(EI/T), and the moment left out:
 
     (lambda kappa)^2 = EI kappa^2/T     bending against tension in a curve of curvature kappa
     Mt^2/(4 EI T)                       torsion against tension: 1 is where a long straight rod coils (Greenhill)
+
+    EI kappa/max |M|                    the moment that a catenary leaves out, against the largest of the line
 
 An element becomes a rod above `share`, and a catenary again below a quarter of it (hysteresis). A moment dies out as
 exp(-s/lambda): rod domains reach ln(1/share) lambda beyond an end that holds a direction, and `PAD` lambda beyond what
@@ -28,7 +30,7 @@ LEAST_ELEMENTS = 4  # of a domain
 
 
 def share_of_bending(model: RodModel, q: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Per element (m,): the larger of the two ratios above, and lambda [m]; inf where there is no tension."""
+    """Per element (m,): the largest of the three ratios above, and lambda [m]; inf where there is no tension."""
     fields = model.fields(q[None])
     T = model.element_tension(q[None])[0]
     EI = np.array([model.scene.cable[k].EI for k in model.section])
@@ -36,9 +38,11 @@ def share_of_bending(model: RodModel, q: np.ndarray) -> tuple[np.ndarray, np.nda
     kappa, torque = np.maximum(kappa[1:], kappa[:-1]), np.maximum(torque[1:], torque[:-1])
     taut = T > 1e-9 * model.force_scale
     safe = np.where(taut, T, 1.0)
+    largest = np.abs(fields["moment"]).max()
+    left_out = EI * kappa / largest if largest > 0 else np.zeros(model.segments)
     bending, torsion = EI * kappa**2 / safe, torque**2 / (4 * np.maximum(EI, 1e-300) * safe)
     length = np.where(taut, np.sqrt(EI / safe), model.scene.length)
-    return np.where(taut, np.maximum(bending, torsion), np.inf), length
+    return np.where(taut, np.maximum(np.maximum(bending, torsion), left_out), np.inf), length
 
 
 def wanted(model: RodModel, q: np.ndarray, share: float) -> np.ndarray:

@@ -399,12 +399,11 @@ class RodModel:
                 note = f"the frame turns by {turn:.2f} rad over the element at s = {self.s[e]:.3g} m"
                 return Status.UNRESOLVED, f"{note}; {LARGEST_TURN} are the most", nodes
         ends = ((self.scene.end_a, 0), (self.scene.end_b, self.segments - 1))
-        joints = [e for e in range(1, self.segments) if self.rod[e] != self.rod[e - 1]]
-        for e, what in [*((e, "a clamp") for end, e in ends if end.direction is not None), *((e, "a joint") for e in joints)]:
-            if self.rod[e] and tension[e] > 0:
+        for end, e in ends:
+            if end.direction is not None and self.rod[e] and tension[e] > 0:
                 layer = math.sqrt(S[e].EI / tension[e])
                 if l[e] > layer:
-                    note = f"elements of {l[e]:.3g} m at {what}, where bending decays over {layer:.3g} m"
+                    note = f"elements of {l[e]:.3g} m at a clamp, where bending decays over {layer:.3g} m"
                     return Status.UNRESOLVED, note, nodes
         if nodes < LEAST_NODES_PER_WAVE:
             note = f"{nodes:.1f} nodes in the shortest wave of the excitation; {LEAST_NODES_PER_WAVE:g} are needed"
