@@ -732,8 +732,8 @@ def _check_extremes(draft: Draft, sound: Sound) -> None:
             if prefix == "":
                 length = good.length
             elif good.rods and good.rods[-1][1] > length * (1 + 1e-9) and asked.sure("rods"):
-                given = [list(pair) for pair in good.rods]
-                mistake = Mistake("ask.rods", given, f"should end on the cable, 0 to {length:g} m")
+                last = f"ask.rods[{len(good.rods) - 1}][1]"
+                mistake = Mistake(last, good.rods[-1][1], f"should be on the cable, 0 to {length:g} m")
                 found[mistake.path, mistake.problem] = mistake
         return found
 
@@ -752,7 +752,7 @@ def _check_extremes(draft: Draft, sound: Sound) -> None:
         draft.add(where, value, f"{mistake.path or 'the scene'}: {mistake.problem}", mistake.remedy)
 
     own = problems({})  # those of the scene and the ask themselves, which are reported
-    draft.found += [m for (path, _), m in own.items() if path == "ask.rods" and "on the cable" in m.problem]
+    draft.found += [m for (path, _), m in own.items() if path.startswith("ask.rods") and "on the cable" in m.problem]
     middle = {key: variable.at(0.5) for key, variable in sound.variables.items()}
     usual = design(middle, {})
     blamed: set[tuple[str, str]] = set()

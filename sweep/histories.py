@@ -520,7 +520,7 @@ def _response_title(found: xr.Dataset) -> str:
 # --------------------------------------------------------------------------- the line at its last output time
 
 ROD, CATENARY = "#1a1a1a", BEST
-OVER = ((BASE, 5.5), (YELLOW, 4.4), (SKY, 3.4), (PINK, 2.6))  # colours and widths of what lies under the point's line
+OVER = ((BASE, 5.0), (YELLOW, 3.8), (SKY, 3.0), (PINK, 2.4))  # colours and widths of what lies under the point's line
 
 
 def plot_profile(found: xr.Dataset, figure: Figure | None = None) -> Figure:
@@ -557,7 +557,7 @@ def plot_profile(found: xr.Dataset, figure: Figure | None = None) -> Figure:
             ax.set_aspect("equal", adjustable="datalim")
             for place, name in ((0, "A"), (-1, "B")):
                 where = (found[across].values[place], found[up].values[place])
-                ax.annotate(name, where, xytext=(0, 5), textcoords="offset points", ha="center", fontsize=9)
+                ax.annotate(name, where, xytext=(0, 7), textcoords="offset points", ha="center", fontsize=9)
     _head(figure, found)
     what = ", ".join(str(found.attrs[name]) for name in ("values", "model") if found.attrs.get(name))
     kinds = set(found["last_domain"].values.tolist()) if "last_domain" in found else {1.0}
