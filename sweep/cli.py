@@ -248,7 +248,14 @@ def _plots() -> Any:
 
 @app.command()
 def plot(
-    directory: Folder, kind: Annotated[str, typer.Argument(help="a kind of figure, or `all` the quick ones")]
+    directory: Folder,
+    kind: Annotated[str, typer.Argument(help="a kind of figure, or `all` the quick ones")],
+    point: Annotated[
+        str | None, typer.Option(metavar="best|KEY", help="the point to show, in figures of one point")
+    ] = None,
+    over: Annotated[
+        list[str] | None, typer.Option(metavar="KEY", help="profile: lay this point over it; may be given again")
+    ] = None,
 ) -> None:
     """Draw a figure into DIR/figures."""
     plots = _plots()
@@ -256,9 +263,13 @@ def plot(
         raise typer.BadParameter(f"{kind!r} is not one of: all, {', '.join(plots.PLOTS)}", param_hint="KIND")
     store.study_of(directory)
     cheap = [name for name, entry in plots.PLOTS.items() if not entry.dear]
+    if kind == "all" and (point or over):
+        raise typer.BadParameter("`all` shows the best point: name one kind of figure", param_hint="--point, --over")
+    dataset = store.open_study(directory) if point or over else xr.Dataset()
+    key, others = _key(dataset, point) if point else None, [_key(dataset, text) for text in over or ()]
     for name in cheap if kind == "all" else [kind]:
         try:
-            say(plots.save_plot(directory, name))
+            say(plots.save_plot(directory, name, key, others))
         except ValueError as error:
             if kind != "all":
                 raise store.StoreError(f"{name}: {error}") from error

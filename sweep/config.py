@@ -11,6 +11,7 @@ import re
 from collections.abc import Callable, Iterable, Mapping
 from contextlib import suppress
 from dataclasses import asdict, dataclass, field, fields
+from itertools import pairwise
 from pathlib import Path
 from typing import Annotated, Any, Literal, NamedTuple
 
@@ -22,7 +23,7 @@ from solvers import Ask, Scene
 from solvers.scene import NonNegative, Number, Positive, record
 from solvers.settled import why_not
 
-from .fields import SCENE, Expression, FieldError, assign, deep_merge, lookup, parse
+from .fields import SCENE, Expression, FieldError, apart, assign, deep_merge, lookup, parse
 from .mend import Place, Reading, follows, match_keys, plain, read
 from .mistakes import ABSENT, ConfigError, Mistake, faults, nearest, unknown_key
 
@@ -37,7 +38,7 @@ Count = Annotated[int, BeforeValidator(_no_bool), Field(ge=1)]
 Whole = Annotated[int, BeforeValidator(_no_bool), Field(ge=0)]
 Fraction = Annotated[float, BeforeValidator(_no_bool), Field(ge=0, le=1, allow_inf_nan=False)]
 Open = Annotated[float, BeforeValidator(_no_bool), Field(gt=0, lt=1, allow_inf_nan=False)]
-Baseline = Literal["uniform", "locked", "rod_locked", "plain"]
+Baseline = Literal["uniform", "locked", "rod_locked", "plain", "full_rod"]
 
 
 # --------------------------------------------------------------------------- what counts
@@ -84,12 +85,12 @@ class Environment:
     """A named patch on the scene: the sea, the fouling or the excitation that each design meets."""
 
     name: str
-    set: dict[str, Any] = Field(default_factory=dict)  # field path: value
+    set: dict[str, Any] = Field(default_factory=dict)  # path of a field of the scene, or of the ask as ask.x: value
 
 
 @record
 class Variable:
-    """A design variable: one scene field or several, over a range or a list of values."""
+    """A design variable: one field of the scene (or ``ask.x`` of the ask) or several, over a range or a list."""
 
     field: str | tuple[str, ...] | None = None  # default: the variable's own key
     log: tuple[Positive, Positive] | None = None  # [lo, hi], evenly spread in the logarithm
@@ -161,10 +162,19 @@ class AskSection:
     rho: Fraction = 0.8
     interval: Positive = 1e-3  # [s]
     output_from: NonNegative = 0.0  # [s]
+    rho_space: Fraction = 1.0  # rod, catenary, hybrid: 1 closes the energy balance, less damps along s
+    rods: tuple[tuple[NonNegative, NonNegative], ...] | None = None  # hybrid: [[from, to], ...] [m]; null: adaptive
     harmonics: Annotated[int, BeforeValidator(_no_bool), Field(ge=1, le=200)] | None = None
     max_steps: Count = 20_000_000
     perturbation: NonNegative = 0.0
     seed: Whole = 0
+
+    @model_validator(mode="after")
+    def _rods_in_order(self) -> AskSection:
+        places = [s for pair in self.rods or () for s in pair]
+        if any(b <= a for a, b in pairwise(places)):
+            raise ValueError("`rods` must be stretches [from, to] of the cable, in order and apart")
+        return self
 
 
 @record
@@ -237,7 +247,7 @@ class Study:
     text: str = ""  # the study as one YAML without includes; loads as itself
 
     def assignments(self, values: Mapping[str, float]) -> dict[str, Any]:
-        """What a design sets in the scene, field path by field path, tied fields last."""
+        """What a design sets in the scene and, as ``ask.x``, in the ask; field by field, tied fields last."""
         found: dict[str, Any] = {}
         for key, variable in self.variables.items():
             found.update(dict.fromkeys(variable.paths(key), values[key]))
@@ -466,6 +476,12 @@ class Draft:
         return self.readings.get("scene") or Reading(holes={()})
 
     @property
+    def outline(self) -> Any:
+        """Where field paths may lead: the scene's fields, and those of the ask under ``ask``."""
+        tree, ask = self.scene.outline, self.readings.get("ask")
+        return tree | {"ask": ABSENT if ask is None else ask.outline} if isinstance(tree, dict) else tree
+
+    @property
     def names(self) -> list[str] | None:
         """The variables' names, those of bad variables too; None where they are not known."""
         reading = self.readings.get("variables", Reading(raw={}))
@@ -487,6 +503,7 @@ def _check(draft: Draft) -> None:
     sound = _check_paths(draft)
     _check_sampler(draft)
     _check_ask(draft)
+    _check_rods(draft, sound)
     _check_metrics(draft)
     _check_objectives(draft)
     if isinstance(draft.scene.tree, dict):
@@ -501,7 +518,7 @@ def _check_paths(draft: Draft) -> Sound:
 
     def claim(path: str, where: str, value: Any) -> bool:
         try:
-            lookup(draft.scene.outline, path)
+            lookup(draft.outline, path)
         except FieldError as error:
             draft.add(where, value, error.problem, error.remedy)
             return False
@@ -556,7 +573,7 @@ def _check_paths(draft: Draft) -> Sound:
                 draft.add(where, value, f"is already set by {owners[path]}")
                 continue
             try:
-                lookup(draft.scene.outline, path)
+                lookup(draft.outline, path)
             except FieldError as error:
                 draft.add(where, value, error.problem, error.remedy)
             else:
@@ -607,6 +624,24 @@ def _check_ask(draft: Draft) -> None:
     last = min(int(ask.duration / ask.interval + 1e-9) * ask.interval, ask.duration)
     if draft.sure("ask", "output_from") and ask.output_from > last:
         draft.add("ask.output_from", ask.output_from, f"should be at most the last output time, {last:g} s")
+
+
+FAMILY = tuple(name for name, line in solvers.MODELS.items() if line.constrained)  # rods, catenaries, hybrids
+
+
+def _check_rods(draft: Draft, sound: Sound) -> None:
+    """What only lines of the rod family read, against the model; a model that varies is not known here."""
+    ask = draft.get("ask")
+    varied = {path for key, variable in sound.variables.items() for path in variable.paths(key)}
+    varied |= {path for patch in sound.patches.values() for path in patch} | sound.tied.keys()
+    if ask is None or not draft.sure("ask", "model") or "ask.model" in varied:
+        return
+    if draft.sure("ask", "rods") and ask.rods is not None and ask.model != "hybrid":
+        given = [list(pair) for pair in ask.rods]
+        draft.add("ask.rods", given, f"only a hybrid has rods in places, not `{ask.model}`", "write `model: hybrid`")
+    if draft.sure("ask", "rho_space") and ask.rho_space != 1 and ask.model not in FAMILY:
+        problem = f"damps along s in {', '.join(FAMILY)} alone, not in `{ask.model}`"
+        draft.add("ask.rho_space", ask.rho_space, problem, "remove it, or name one of these models")
 
 
 def _check_metrics(draft: Draft) -> None:
@@ -667,22 +702,40 @@ def _check_extremes(draft: Draft, sound: Sound) -> None:
     holes = scene.holes | sound.left_out
     Problems = dict[tuple[str, str], Mistake]  # by field path and sentence
 
+    asked = draft.readings.get("ask") or Reading(holes={()})
+    ask_schema = _adapter("ask").json_schema()
+
     def problems(wanted: Mapping[str, Any]) -> Problems:
-        """Each thing wrong with the scene once these fields are set."""
-        tree = plain(scene.tree)
-        for path, value in wanted.items():
-            with suppress(FieldError):  # a path into what a mistake has made unknown
-                lookup(tree, path)
-                assign(tree, path, value)
-        try:
-            SCENE.validate_python(tree)
-        except ValidationError as error:
-            return {
-                (fault.mistake.path, fault.mistake.problem): fault.mistake
-                for fault in faults(error, tree, "", schema)
-                if not (fault.sentence and follows(fault.sentence, fault.at, holes))
-            }
-        return {}
+        """Each thing wrong with the scene and the ask once these fields are set."""
+        found: Problems = {}
+        for adapter, reading, prefix, outline, changes in (
+            (SCENE, scene, "", schema, apart(wanted)[0]),
+            (_adapter("ask"), asked, "ask", ask_schema, apart(wanted)[1]),
+        ):
+            tree = plain(reading.tree)
+            for path, value in changes.items():
+                with suppress(FieldError):  # a path into what a mistake has made unknown
+                    lookup(tree, path)
+                    assign(tree, path, value)
+            if not isinstance(tree, dict):
+                continue
+            unclear = holes if prefix == "" else reading.holes
+            try:
+                good = adapter.validate_python(tree)
+            except ValidationError as error:
+                found |= {
+                    (fault.mistake.path, fault.mistake.problem): fault.mistake
+                    for fault in faults(error, tree, prefix, outline)
+                    if not (fault.sentence and follows(fault.sentence, fault.at, unclear))
+                }
+                continue
+            if prefix == "":
+                length = good.length
+            elif good.rods and good.rods[-1][1] > length * (1 + 1e-9) and asked.sure("rods"):
+                last = f"ask.rods[{len(good.rods) - 1}][1]"
+                mistake = Mistake(last, good.rods[-1][1], f"should be on the cable, 0 to {length:g} m")
+                found[mistake.path, mistake.problem] = mistake
+        return found
 
     def design(values: Mapping[str, float], patch: Mapping[str, Any]) -> Problems:
         wanted, wrong = dict(patch), {}
@@ -698,7 +751,8 @@ def _check_extremes(draft: Draft, sound: Sound) -> None:
     def say(where: str, value: Any, mistake: Mistake) -> None:
         draft.add(where, value, f"{mistake.path or 'the scene'}: {mistake.problem}", mistake.remedy)
 
-    own = problems({})  # those of the scene itself, which are reported
+    own = problems({})  # those of the scene and the ask themselves, which are reported
+    draft.found += [m for (path, _), m in own.items() if path.startswith("ask.rods") and "on the cable" in m.problem]
     middle = {key: variable.at(0.5) for key, variable in sound.variables.items()}
     usual = design(middle, {})
     blamed: set[tuple[str, str]] = set()
@@ -733,13 +787,12 @@ def _check_periodic(draft: Draft, sound: Sound) -> None:
     for i, patch in (sound.patches or {-1: {}}).items():
         tree = plain(draft.scene.tree)
         try:
-            for path, value in patch.items():
-                assign(tree, path, value)
+            wanted = dict(patch)
             for key, variable in sound.variables.items():
-                for path in variable.paths(key):
-                    assign(tree, path, middle[key])
-            for path, expression in sound.tied.items():
-                assign(tree, path, expression.value(middle))
+                wanted.update(dict.fromkeys(variable.paths(key), middle[key]))
+            wanted |= {path: expression.value(middle) for path, expression in sound.tied.items()}
+            for path, value in apart(wanted)[0].items():
+                assign(tree, path, value)
             reason = why_not(SCENE.validate_python(tree), harmonics)
         except (FieldError, ValidationError, KeyError, IndexError, TypeError):
             continue  # a mistake that is reported elsewhere

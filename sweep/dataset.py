@@ -38,12 +38,13 @@ ABOUT = {  # unit and meaning of a row's own fields
 UNITS = {  # of scene fields, for design variables
     **dict.fromkeys(("EA", "rod_EA"), "N"),
     **dict.fromkeys(("BA",), "N s"),
-    **dict.fromkeys(("EI",), "N m2"),
+    **dict.fromkeys(("EI", "EI2", "GJ"), "N m2"),
     **dict.fromkeys(("BI",), "N m2 s"),
     **dict.fromkeys(("s", "length", "rod", "d", "drag_diameter", "amplitude", "depth", "z"), "m"),
     **dict.fromkeys(("mass", "added_mass"), "kg"),
     **dict.fromkeys(("Can", "Cat", "Cdn", "Cdt", "friction", "side"), "1"),
     **{"k": "N/m", "c": "N s/m", "volume": "m3", "drag": "m2", "phi0": "deg", "wet_weight": "N/m"},
+    **{"rods": "m", "twist": "deg", "angle": "deg", "curvature": "1/m", "inertia": "kg m", "force": "N"},
     **{"frequency": "Hz", "phase": "rad", "density": "kg/m3", "stiffness": "Pa/m"},
 }
 
@@ -129,7 +130,7 @@ def _metric_about(name: str) -> dict[str, str]:
 
 def _variable_about(study: Study, name: str) -> dict[str, str]:
     paths = study.variables[name].paths(name)
-    units = {UNITS.get(re.sub(r"\[\d+\]$", "", path).rpartition(".")[2], "") for path in paths}
+    units = {UNITS.get(re.sub(r"(\[\d+\])+$", "", path).rpartition(".")[2], "") for path in paths}
     return _about(units.pop() if len(units) == 1 else "", ", ".join(paths))
 
 

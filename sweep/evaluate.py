@@ -19,9 +19,9 @@ from solvers import METHODS, QUANTITIES, Ask, CannotRepresent, Response, Scene, 
 from solvers.model import REMEDY
 
 from .config import MetricSettings
-from .metrics import FINISHED, Summary, compute, metric_names, settling_index, summarise, transverse
+from .metrics import FINISHED, LEDGER, Summary, compute, metric_names, settling_index, summarise, transverse
 from .point import Point, Record
-from .space import baseline_scene, point_key
+from .space import baseline_model, baseline_scene, point_key
 
 NAN = float("nan")
 RETRIED = frozenset({Status.ENERGY_OPEN, Status.NO_CONVERGENCE, Status.COARSE_STEP, Status.DIVERGED})
@@ -112,7 +112,11 @@ def _join(*sentences: str) -> str:
 def _solve(scene: Scene, ask: Ask) -> Response:
     with warnings.catch_warnings(), np.errstate(all="ignore"):
         warnings.simplefilter("ignore")
-        return solve(scene, ask)
+        response = solve(scene, ask)
+    if ask.duration > 0:
+        return response
+    nothing = dict.fromkeys(LEDGER, np.zeros(len(response.t)))  # at rest nothing moves, and nothing is lost
+    return replace(response, signals=nothing | response.signals) if response.signals else response
 
 
 def run_trusted(scene: Scene, ask: Ask) -> Run:
@@ -139,9 +143,9 @@ def _tolerance(response: Response, ask: Ask) -> float:
     return ask.tolerance or method.tolerance
 
 
-def baseline_ask(ask: Ask, response: Response) -> Ask:
-    """What is asked of the baseline: the model, method and mesh that the design used, unperturbed."""
-    return replace(
+def baseline_ask(ask: Ask, response: Response, name: str = "") -> Ask:
+    """What is asked of the baseline: the model (but for `full_rod`), method and mesh of the design, unperturbed."""
+    used = replace(
         ask,
         model=response.model or ask.model,
         method=response.method or ask.method if ask.method == "auto" else ask.method,
@@ -149,19 +153,20 @@ def baseline_ask(ask: Ask, response: Response) -> Ask:
         perturbation=0.0,
         seed=0,
     )
+    return baseline_model(used, name)
 
 
 def baseline_of(point: Point, response: Response) -> Baseline:
     """The point's baseline, computed once in this process; the design's own run where it is its baseline."""
     scene = baseline_scene(point.scene, point.settings.baseline)
-    ask = baseline_ask(point.ask, response)
+    ask = baseline_ask(point.ask, response, point.settings.baseline)
     window = replace(point.settings, repeats=0, objectives=())
     sections = point.scene.cable
     key = point_key(scene, ask, window) + point_key(replace(point.scene, devices=()), ask)
     if key in _baselines:
         _baselines.move_to_end(key)
         return _baselines[key]
-    itself = scene == point.scene and point.ask.perturbation == 0
+    itself = scene == point.scene and point.ask.perturbation == 0 and ask == baseline_ask(point.ask, response)
     try:
         run = response if itself else run_trusted(scene, ask).response
         found = Baseline(summarise(run, scene, point.settings, sections), run.status, run.message)
@@ -264,7 +269,7 @@ def _series(point: Point, response: Response | None, names: list[str]) -> xr.Dat
     own = summarise(response, point.scene, replace(point.settings, window=None))
     for name in names:
         scene = baseline_scene(point.scene, name)
-        run = run_trusted(scene, baseline_ask(point.ask, response)).response
+        run = run_trusted(scene, baseline_ask(point.ask, response, name)).response
         if not len(run.t) or len(run.t) != len(response.t):
             continue
         _add_signals(data, run, f"{name}_")

@@ -16,6 +16,7 @@ from solvers import Scene
 from .mistakes import ABSENT, join, nearest
 
 SCENE: TypeAdapter[Any] = TypeAdapter(Scene)
+ASK = "ask."  # what begins the path of a field of the ask; the scene has no field of that name
 _STEP = re.compile(r"(?:^|\.)([A-Za-z_]\w*)|\[(\d+)\]")
 
 
@@ -61,7 +62,8 @@ def lookup(tree: Any, path: str) -> Any:
                 count = f"entries 0 to {len(here) - 1}" if here else "no entries"
                 raise FieldError(f"`{where}` has {count}")
         elif not isinstance(here, dict):
-            given = "is not given in the scene" if here is None else "has no fields"
+            place = "study" if done and done[0] == "ask" else "scene"
+            given = f"is not given in the {place}" if here is None else "has no fields"
             raise FieldError(f"`{where}` {given}")
         elif part not in here:
             raise FieldError(f"`{where}` has no field `{part}`", nearest(part, here))
@@ -80,6 +82,12 @@ def assign(tree: Any, path: str, value: Any) -> None:
     if isinstance(old, int) and not isinstance(old, bool) and isinstance(value, float) and value.is_integer():
         value = int(value)
     here[last] = value
+
+
+def apart(values: Mapping[str, Any]) -> tuple[dict[str, Any], dict[str, Any]]:
+    """Values at field paths of the scene, and those of the ask without their ``ask.``."""
+    scene = {path: value for path, value in values.items() if not path.startswith(ASK)}
+    return scene, {path.removeprefix(ASK): value for path, value in values.items() if path.startswith(ASK)}
 
 
 def dump(scene: Scene) -> dict[str, Any]:
@@ -191,4 +199,4 @@ class Expression:
         return names[ast.unparse(node)]
 
 
-__all__ = ["ABSENT", "Expression", "FieldError", "assign", "bind", "deep_merge", "dump", "lookup", "parse"]
+__all__ = ["ABSENT", "Expression", "FieldError", "apart", "assign", "bind", "deep_merge", "dump", "lookup", "parse"]

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
+from itertools import pairwise
 from typing import Any
 
 import matplotlib
@@ -514,6 +515,71 @@ def _response_title(found: xr.Dataset) -> str:
     panels, of = found.sizes["panel"], int(found.attrs.get("panels_of", found.sizes["panel"]))
     parts += [f"{panels} of {of} environments"] if of > panels else []
     return ", ".join(parts).lstrip(": ")
+
+
+# --------------------------------------------------------------------------- the line at its last output time
+
+ROD, CATENARY = "#1a1a1a", BEST
+OVER = ((BASE, 5.0), (YELLOW, 3.8), (SKY, 3.0), (PINK, 2.4))  # colours and widths of what lies under the point's line
+
+
+def plot_profile(found: xr.Dataset, figure: Figure | None = None) -> Figure:
+    """Shape, tension, shear and bending moment along the line at the last output time, over those of other runs.
+
+    Rods are thick and dark, catenaries thin and red; baseline and other points lie under them, wide and pale, and
+    thin where they are catenaries.
+    """
+    _needs(found, "last_s", "last_tension")
+    prefixes = ["baseline_"] if "baseline_last_s" in found else []
+    prefixes += [f"over{i}_" for i in range(1, 10) if f"over{i}_last_s" in found]
+    bends = any(f"{prefix}last_moment" in found for prefix in ("", *prefixes))
+    panels = [("last_away", "last_height"), ("last_middle", "last_tension")]
+    panels += [("last_s", "last_shear"), ("last_s", "last_moment")] if bends else []
+    figure = draw_in(figure, (9.6, (6.4 if bends else 3.4) + 0.25 * len(prefixes)))
+    for ax, (across, up) in zip(figure.subplots(len(panels) // 2, 2).ravel(), panels, strict=True):
+        units: list[xr.DataArray] = []
+        for k, prefix in enumerate((*prefixes, "")):
+            if prefix + up not in found:
+                continue
+            x, y, domain = found[prefix + across], found[prefix + up], found.get(f"{prefix}last_domain")
+            units, count = [x, y], found.sizes[f"{prefix}last_segment"]
+            for a, b, rod in _stretches(None if domain is None else domain.values, count):
+                end = b if up == "last_tension" else b + 1  # tension is that of segments, the rest of nodes
+                values = y.values[a:end]
+                if not rod and up in ("last_shear", "last_moment"):
+                    values = np.zeros_like(values)  # the joint's node belongs to the rod
+                colour, width = OVER[min(k, 3)] if prefix else ((ROD, 2.2) if rod else (CATENARY, 1.3))
+                ax.plot(x.values[a:end], values, color=colour, linewidth=width if rod or not prefix else 0.5 * width)
+        ax.set_xlabel(label(units[0]))
+        ax.set_ylabel(label(units[1]))
+        ax.axhline(0, color="0.8", linewidth=0.6, zorder=0)
+        if up == "last_height":
+            ax.set_aspect("equal", adjustable="datalim")
+            for place, name in ((0, "A"), (-1, "B")):
+                where = (found[across].values[place], found[up].values[place])
+                ax.annotate(name, where, xytext=(0, 7), textcoords="offset points", ha="center", fontsize=9)
+    _head(figure, found)
+    what = ", ".join(str(found.attrs[name]) for name in ("values", "model") if found.attrs.get(name))
+    kinds = set(found["last_domain"].values.tolist()) if "last_domain" in found else {1.0}
+    looks = [(ROD, 2.2, "rod" if "last_domain" in found else "line", 1), (CATENARY, 1.3, "catenary", 0)]
+    handles = [
+        Line2D([], [], color=colour, linewidth=width, label=f"{name} ({what})" if what else name)
+        for colour, width, name, kind in looks
+        if kind in kinds
+    ]
+    for k, prefix in enumerate(prefixes):
+        colour, width = OVER[min(k, 3)]
+        text = _base_label(found) if prefix == "baseline_" else str(found.attrs.get(f"{prefix}label", ""))
+        handles.append(Line2D([], [], color=colour, linewidth=width, label=text))
+    figure.legend(handles=handles, loc="outside lower center", ncols=2)
+    return figure
+
+
+def _stretches(domain: np.ndarray | None, count: int) -> list[tuple[int, int, bool]]:
+    """(first segment, one past the last, whether it is a rod) of each domain; a line without domains is all rod."""
+    rod = np.ones(count, dtype=bool) if domain is None else domain > 0.5
+    cuts = [0, *(np.flatnonzero(np.diff(rod.astype(int))) + 1), count]
+    return [(int(a), int(b), bool(rod[a])) for a, b in pairwise(cuts)]
 
 
 # --------------------------------------------------------------------------- force laws

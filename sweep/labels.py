@@ -38,6 +38,7 @@ BASELINES = {
     "uniform": "masses spread along the cable",
     "locked": "masses locked at their points",
     "rod_locked": "rods and locked masses",
+    "full_rod": "a rod from end to end",
 }
 
 

@@ -7,15 +7,16 @@ length) of the plain cable: half of each neighbouring segment, and on rigid rods
 linear field, so that they do not depend on the mesh. Integrals in time are trapezoids on the output grid
 within the window.
 
-A metric that cannot be defined is NaN; only ``t_first`` may be infinite.
+A metric that cannot be defined is NaN; only ``t_first`` may be infinite. A static run (duration 0) has one output
+time, which is its window: what needs a span of time is NaN, and peaks are the static values.
 """
 
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Sequence
-from dataclasses import dataclass
-from typing import Any
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, field
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -26,9 +27,36 @@ from .config import METRICS, Metric, MetricSettings
 
 NAN = float("nan")
 LOSSES = ("device", "water", "cable", "seabed")
+LEDGER = ("kinetic", "strain", "gravity", "work", *(f"lost_{name}" for name in LOSSES), "rotation")
 FINISHED = frozenset(
     {Status.OK, Status.UNRESOLVED, Status.COARSE_STEP, Status.ENERGY_OPEN, Status.FEW_HARMONICS, Status.UNSTABLE}
 )
+
+
+NOTHING = np.zeros(0)
+
+
+@dataclass(frozen=True, kw_only=True)
+class Profile:
+    """The line at one time; arrays are empty where the line has no such quantity."""
+
+    arc: np.ndarray = field(default_factory=lambda: NOTHING)  # (n,) arc length of the nodes [m]
+    position: np.ndarray = field(default_factory=lambda: np.zeros((0, 3)))  # (n, 3) [m]
+    tension: np.ndarray = field(default_factory=lambda: NOTHING)  # (n - 1,) axial force in mid-segment [N]
+    moment: np.ndarray = field(default_factory=lambda: NOTHING)  # (n,) size of the bending moment [N m]
+
+
+class Peaks(NamedTuple):
+    """Largest values in the window; NaN where the line has no such quantity."""
+
+    moment: float = NAN  # bending moment of any node [N m]
+    end_a: float = NAN  # moment at end A [N m]
+    end_b: float = NAN
+    torque: float = NAN  # of any node, its size [N m]
+    twist: float = NAN  # of any node, its size [rad/m]
+    out_of_plane: float = NAN  # [m]
+    turning: float = NAN  # [rad]
+    rod: float = NAN  # mean share of rod [1]
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -49,6 +77,8 @@ class Summary:
     lost: tuple[float, float, float, float]  # to devices, water, cable, seabed at the window's end [J]
     strokes: np.ndarray  # (nd,) travel of each device [m]
     jumps: np.ndarray  # (nd,) cross-well jumps of each device
+    end: Profile = field(default_factory=lambda: Profile())  # at the window's end
+    peaks: Peaks = field(default_factory=lambda: Peaks())
 
     def integral(self, curve: np.ndarray, after: float = -math.inf) -> float:
         """Trapezoid of a curve over the window, or over its part after a time."""
@@ -94,7 +124,6 @@ def summarise(
     probe2 = np.full(len(x), NAN)
     if settings.probe is not None:
         probe2 = _square(_between(x, arc, settings.probe))
-    force = signals["end_force"][inside]
     stroke = _columns(signals.get("stroke"), len(t))
     device, water, cable, seabed = (float(signals[f"lost_{name}"][inside.stop - 1]) for name in LOSSES)
     return Summary(
@@ -106,8 +135,8 @@ def summarise(
         probe2=probe2,
         strain=signals["strain"][inside],
         mechanical=(signals["kinetic"] + signals["strain"] + signals["gravity"])[inside],
-        top=end_tension(force[:, 1], scene.end_b, 1.0),
-        bottom=end_tension(force[:, 0], scene.end_a, -1.0),
+        top=end_pull(signals, scene.end_b, 1)[inside],
+        bottom=end_pull(signals, scene.end_a, 0)[inside],
         curvature=float(np.abs(signals["curvature"][inside]).max(initial=0.0)),
         lost=(device, water, cable, seabed),
         strokes=np.ptp(stroke[inside], axis=0) if len(x) else np.zeros(stroke.shape[1]),
@@ -120,7 +149,99 @@ def summarise(
             ],
             dtype=float,
         ),
+        end=profile(response, inside.stop - 1),
+        peaks=_peaks(response, inside),
     )
+
+
+def profile(response: Response, at: int = -1) -> Profile:
+    """The line at an output time, by its index."""
+    signals = response.signals
+    nothing = np.zeros((len(response.t), 0))
+    return Profile(
+        arc=signals["arc"],
+        position=signals["position"][at],
+        tension=signals.get("tension", nothing)[at],
+        moment=bending(signals, slice(at, at + 1 or None))[0] if "moment" in signals else NOTHING,
+    )
+
+
+def bending(signals: Mapping[str, np.ndarray], inside: slice) -> np.ndarray:
+    """(nt, n) size of the moment across the cable [N m]."""
+    return np.sqrt(np.maximum(_square(signals["moment"][inside]) - signals["torque"][inside] ** 2, 0.0))
+
+
+def _peaks(response: Response, inside: slice) -> Peaks:
+    signals = response.signals
+    x = signals["position"][inside]
+    if not len(x):
+        return Peaks()
+    found = Peaks(out_of_plane=off_plane(x), turning=float(angles_turned(x).max(initial=0.0)))
+    if "moment" in signals:
+        ends = np.sqrt(_square(signals["moment"][inside][:, [0, -1]])).max(axis=0)
+        found = found._replace(moment=float(bending(signals, inside).max()), end_a=float(ends[0]), end_b=float(ends[1]))
+    for name in ("torque", "twist"):
+        if name in signals:
+            found = found._replace(**{name: float(np.abs(signals[name][inside]).max())})
+    if "domain" in signals:
+        lengths = np.diff(signals["arc"])
+        found = found._replace(rod=float((signals["domain"][inside] @ lengths).mean() / lengths.sum()))
+    return found
+
+
+def off_plane(x: np.ndarray) -> float:
+    """Largest distance of a node from the vertical plane through the ends [m]; NaN where they are one above the other.
+
+    Parameters
+    ----------
+    x : (nt, n, 3) positions
+    """
+    span = x[:, -1, :2] - x[:, 0, :2]
+    wide = np.linalg.norm(span, axis=1)
+    size = float(np.abs(x - x[:, :1]).max(initial=0.0))
+    if not len(x) or wide.min() <= 1e-6 * size:
+        return NAN
+    normal = np.stack([-span[:, 1], span[:, 0]], axis=1) / wide[:, None]
+    return float(np.abs(np.einsum("tna,ta->tn", x[:, :, :2] - x[:, :1, :2], normal)).max())
+
+
+def angles_turned(x: np.ndarray) -> np.ndarray:
+    """(nt,) sum of the angles between neighbouring segments [rad]: 2 pi and more where there is a loop."""
+    chord = np.diff(x, axis=1)
+    chord = chord / np.maximum(np.sqrt(_square(chord)), 1e-300)[..., None]
+    return 2 * np.arcsin(np.minimum(np.sqrt(_square(np.diff(chord, axis=1))) / 2, 1.0)).sum(axis=1)
+
+
+def gauss_writhe(x: np.ndarray) -> float:
+    """Writhe of a polyline (n, 3): Gauss's integral over all pairs of segments, exactly (Klenin and Langowski, 2000).
+
+    How many times the line crosses itself, with sign, on the average over all directions of view: a hockle adds
+    about 1 or -1, a line in a plane has 0.
+    """
+    a, b = x[:-1], x[1:]
+    if len(x) < 4 or np.linalg.svd(x - x.mean(axis=0), compute_uv=False)[2] <= 1e-9 * np.ptp(x, axis=0).max():
+        return 0.0
+    total = 0.0
+    for i in range(len(a) - 2):
+        r13, r14, r23, r24 = a[i + 2 :] - a[i], b[i + 2 :] - a[i], a[i + 2 :] - b[i], b[i + 2 :] - b[i]
+        normals = [np.cross(p, q) for p, q in ((r13, r14), (r14, r24), (r24, r23), (r23, r13))]
+        n1, n2, n3, n4 = (n / np.maximum(np.sqrt(_square(n)), 1e-300)[:, None] for n in normals)
+        angles = [np.arcsin(np.clip((p * q).sum(axis=1), -1, 1)) for p, q in ((n1, n2), (n2, n3), (n3, n4), (n4, n1))]
+        side = np.sign((np.cross(b[i + 2 :] - a[i + 2 :], b[i] - a[i]) * r13).sum(axis=1))
+        total += float((np.sum(angles, axis=0) * side).sum())
+    return total / (2 * math.pi)
+
+
+def depth(x: np.ndarray, arc: np.ndarray) -> float:
+    """How far a line (n, 3) hangs below its end A, 0 where it nowhere does [m]: a parabola through the lowest nodes."""
+    fall = x[0, 2] - x[:, 2]
+    i = int(fall.argmax())
+    if not 0 < i < len(fall) - 1:
+        return float(fall[i])
+    back, on = (fall[i] - fall[i - 1]) / (arc[i] - arc[i - 1]), (fall[i + 1] - fall[i]) / (arc[i + 1] - arc[i])
+    bend = (back - on) / (arc[i + 1] - arc[i - 1])  # half the curvature of the parabola
+    slope = back - bend * (arc[i] - arc[i - 1])  # at node i
+    return float(fall[i] + (slope**2 / (4 * bend) if bend > 0 else 0.0))
 
 
 def end_tension(force: np.ndarray, end: End, outward: float) -> np.ndarray:
@@ -129,6 +250,16 @@ def end_tension(force: np.ndarray, end: End, outward: float) -> np.ndarray:
         return np.sqrt(_square(force))
     direction = np.array(end.direction)
     return outward * force @ (direction / np.linalg.norm(direction))
+
+
+def end_pull(signals: Mapping[str, np.ndarray], end: End, at: int) -> np.ndarray:
+    """(nt,) tension at end A (`at` 0) or B (1) [N]: a rod's own, whose ends have shear, else :func:`end_tension`."""
+    if "shear" not in signals:
+        return end_tension(signals["end_force"][:, at], end, (-1.0, 1.0)[at])
+    force, x = signals["force"][:, -at], signals["position"]
+    chord = (x[:, -1] - x[:, -2]) if at else (x[:, 1] - x[:, 0])
+    size = np.sqrt(np.maximum(_square(force) - signals["shear"][:, -at] ** 2, 0.0))
+    return np.sign(np.einsum("ta,ta->t", force, chord)) * size
 
 
 def transverse(response: Response, name: str = "position", inside: slice = slice(None)) -> np.ndarray:
@@ -413,6 +544,84 @@ def energy_cable(run: Summary, base: Summary) -> float:
 @metric("1", "max", "share of the devices in all energy lost by the window's end")
 def energy_share_device(run: Summary, base: Summary) -> float:
     return _ratio(run.lost[0], sum(run.lost))
+
+
+@metric("m", "min", "largest depth below end A, which is the lower or anchored one, at the window's end")
+def sag(run: Summary, base: Summary) -> float:
+    return depth(run.end.position, run.end.arc) if run.end.arc.size else NAN
+
+
+@metric("m", "min", "largest distance of a node from the vertical plane through the ends in the window")
+def out_of_plane(run: Summary, base: Summary) -> float:
+    return run.peaks.out_of_plane
+
+
+@metric("N m", "min", "largest bending moment of any node in the window; NaN without moments, as for lumped masses")
+def peak_moment(run: Summary, base: Summary) -> float:
+    return run.peaks.moment
+
+
+@metric("N m", "min", "largest moment at end B in the window, torque included; NaN without moments")
+def end_moment_top(run: Summary, base: Summary) -> float:
+    return run.peaks.end_b
+
+
+@metric("N m", "min", "largest moment at end A in the window, torque included; NaN without moments")
+def end_moment_bottom(run: Summary, base: Summary) -> float:
+    return run.peaks.end_a
+
+
+@metric("N m", "min", "largest torque of any node in the window; NaN without torsion")
+def peak_torque(run: Summary, base: Summary) -> float:
+    return run.peaks.torque
+
+
+@metric("rad/m", "min", "largest twist rate of any node in the window; NaN without torsion")
+def peak_twist(run: Summary, base: Summary) -> float:
+    return run.peaks.twist
+
+
+@metric("rad", "min", "largest sum of the angles between segments in the window: a loop adds 2 pi")
+def turning(run: Summary, base: Summary) -> float:
+    return run.peaks.turning
+
+
+@metric("1", None, "writhe at the window's end: crossings with sign, averaged over all views; a hockle adds 1 or -1")
+def writhe(run: Summary, base: Summary) -> float:
+    return gauss_writhe(run.end.position) if run.end.arc.size else NAN
+
+
+@metric("1", "min", "share of rod in the cable's length, mean over the window; NaN for lines without domains")
+def rod_share(run: Summary, base: Summary) -> float:
+    return run.peaks.rod
+
+
+@metric("m", "min", "largest distance between run and baseline at equal arc length, at the window's end")
+def shape_error(run: Summary, base: Summary) -> float:
+    if not (run.end.arc.size and base.end.arc.size):
+        return NAN
+    theirs = np.stack([np.interp(run.end.arc, base.end.arc, base.end.position[:, k]) for k in range(3)], axis=1)
+    return float(np.sqrt(_square(run.end.position - theirs)).max())
+
+
+@metric("1", "min", "largest difference of tension from the baseline's at equal arc length, at the window's end, over "
+        "the baseline's largest")  # fmt: skip
+def tension_error(run: Summary, base: Summary) -> float:
+    a, b = run.end, base.end
+    if not (a.tension.size and b.tension.size):
+        return NAN
+    return _gap((a.arc[1:] + a.arc[:-1]) / 2, a.tension, (b.arc[1:] + b.arc[:-1]) / 2, b.tension)
+
+
+@metric("1", "min", "largest difference of bending moment from the baseline's, likewise; NaN without moments")
+def moment_error(run: Summary, base: Summary) -> float:
+    a, b = run.end, base.end
+    return _gap(a.arc, a.moment, b.arc, b.moment) if a.moment.size and b.moment.size else NAN
+
+
+def _gap(s: np.ndarray, ours: np.ndarray, at: np.ndarray, theirs: np.ndarray) -> float:
+    """Largest difference of two curves over s, over the second one's largest size."""
+    return _ratio(float(np.abs(ours - np.interp(s, at, theirs)).max()), float(np.abs(theirs).max()))
 
 
 # --------------------------------------------------------------------------- all of them

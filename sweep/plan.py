@@ -18,7 +18,7 @@ from .config import ConfigError, Study
 from .evaluate import run_trusted
 from .mistakes import ABSENT, Mistake
 from .point import Point
-from .space import baseline_scene, designs, make_point, point_key
+from .space import baseline_model, baseline_scene, designs, make_point, point_key
 
 FORMAT = 1
 
@@ -65,14 +65,14 @@ def make_plan(study: Study, limit: int | None = None) -> Plan:
     """The plan of a study; ``limit`` takes its first designs. The same study gives the same plan."""
     chosen = designs(study, limit)
     keys: list[str] = []
+    name = study.settings.baseline
     shared: dict[str, int] = {}
     for i, values in enumerate(chosen):
         for e in range(len(study.environments)):
             point = make_point(study, i, e, values)
             keys.append(point.key)
-            base = point_key(baseline_scene(point.scene, study.settings.baseline), point.ask)
+            base = point_key(baseline_scene(point.scene, name), baseline_model(point.ask, name))
             shared[base] = shared.get(base, 0) + 1
-    name = study.settings.baseline
     return Plan(
         study=study.name,
         text=study.text,
@@ -138,11 +138,8 @@ def pilot(study: Study) -> list[PilotRun]:
     if study.variables:
         chosen["least"] = {key: min(v for _, v in var.tests) for key, var in study.variables.items()}
         chosen["greatest"] = {key: max(v for _, v in var.tests) for key, var in study.variables.items()}
+    points = {label: make_point(study, 0, 0, values) for label, values in chosen.items()}
     return [
-        PilotRun(
-            label=label,
-            values=values,
-            response=run_trusted(make_point(study, 0, 0, values).scene, study.ask).response,
-        )
-        for label, values in chosen.items()
+        PilotRun(label=label, values=point.values, response=run_trusted(point.scene, point.ask).response)
+        for label, point in points.items()
     ]

@@ -32,13 +32,14 @@ from .histories import (
     plot_gt,
     plot_history,
     plot_loop,
+    plot_profile,
     plot_response,
     plot_spectrum_or_orders,
     plot_stroke,
     plot_wavelet,
 )
 from .labels import BEST, DESIGN, MAP, STYLE, UP, WORDS, draw_in, draw_on, metric_label, variable_label
-from .series import chosen_key, force_laws, loop_of, responses, series_of, spectrum_or_orders, wavelet
+from .series import chosen_key, force_laws, loop_of, profile_of, responses, series_of, spectrum_or_orders, wavelet
 from .store import open_study, outcome, write_whole
 
 # --------------------------------------------------------------------------- the points of a study
@@ -367,9 +368,10 @@ class Kind(NamedTuple):
     """A kind of figure: how it is drawn, from what, how large a single panel is, and what it shows."""
 
     draw: Callable[[xr.Dataset, Figure], Any]
-    data: Callable[[Path], xr.Dataset]
+    data: Callable[..., xr.Dataset]  # of a folder; where `single`, of a point's key too; `profile`, of others over it
     meaning: str
     dear: bool = False  # runs a study of its own, and so is not among `all`
+    single: bool = False  # shows one point
 
 
 def _single(function: Callable[..., Axes], size: tuple[float, float]) -> Callable[[xr.Dataset, Figure], Axes]:
@@ -380,31 +382,49 @@ def _single(function: Callable[..., Axes], size: tuple[float, float]) -> Callabl
     return draw
 
 
-def _series(directory: Path) -> xr.Dataset:
-    return series_of(directory, chosen_key(open_study(directory)))
-
-
-def _loop(directory: Path) -> xr.Dataset:
-    return loop_of(directory, chosen_key(open_study(directory)))
+def _series(directory: Path, key: str) -> xr.Dataset:
+    found = series_of(directory, key)
+    if found.sizes["time"] < 2:
+        raise ValueError("the run is static, and has no history; `profile` shows the line")
+    return found
 
 
 PLOTS: dict[str, Kind] = {
     "front": Kind(plot_front, open_study, "objectives against one another, coloured by a design variable"),
     "parallel": Kind(_single(plot_parallel, (10, 5)), open_study, "parallel coordinates of variables and objectives"),
     "ea": Kind(plot_ea, open_study, "each objective over each design variable"),
-    "history": Kind(plot_history, _series, "displacement at stations along the cable, with and without devices"),
-    "stroke": Kind(plot_stroke, _series, "offset of each device's mass, with its cross-well jumps"),
-    "envelope": Kind(_single(plot_envelope, (5.8, 6.8)), _series, "least and greatest displacement along the cable"),
-    "gt": Kind(_single(plot_gt, (7.2, 5.4)), _series, "G(t), t_first and t_settle"),
-    "energy": Kind(plot_energy, _series, "the energy ledger over time"),
-    "wavelet": Kind(plot_wavelet, lambda d: wavelet(_series(d)), "Morlet transform of the probe's displacement"),
+    "history": Kind(
+        plot_history, _series, "displacement at stations along the cable, with and without devices", single=True
+    ),
+    "stroke": Kind(plot_stroke, _series, "offset of each device's mass, with its cross-well jumps", single=True),
+    "envelope": Kind(
+        _single(plot_envelope, (5.8, 6.8)), _series, "least and greatest displacement along the cable", single=True
+    ),
+    "gt": Kind(_single(plot_gt, (7.2, 5.4)), _series, "G(t), t_first and t_settle", single=True),
+    "energy": Kind(plot_energy, _series, "the energy ledger over time", single=True),
+    "wavelet": Kind(
+        plot_wavelet,
+        lambda d, key: wavelet(_series(d, key)),
+        "Morlet transform of the probe's displacement",
+        single=True,
+    ),
     "spectrum": Kind(
         plot_spectrum_or_orders,
-        lambda d: spectrum_or_orders(_series(d)),
+        lambda d, key: spectrum_or_orders(_series(d, key)),
         "spectrum of the probe's displacement; of a periodic response the harmonics, those of the end tension too",
+        single=True,
+    ),
+    "profile": Kind(
+        plot_profile,
+        profile_of,
+        "shape, tension, shear and bending moment along the line at its last time, over its baseline",
+        single=True,
     ),
     "loop": Kind(
-        _single(plot_loop, (6.6, 6.2)), _loop, "end tension against end displacement, harmonic against time domain"
+        _single(plot_loop, (6.6, 6.2)),
+        loop_of,
+        "end tension against end displacement, harmonic against time domain",
+        single=True,
     ),
     "response": Kind(
         plot_response, responses, "periodic response along the first variable, stability and folds (slow)", dear=True
@@ -418,8 +438,13 @@ PLOTS: dict[str, Kind] = {
 }
 
 
-def save_plot(directory: str | Path, kind: str) -> Path:
-    """Draw a kind of figure for the best point (or all points) of a folder into DIR/figures, and return its path.
+def save_plot(directory: str | Path, kind: str, key: str | None = None, over: Sequence[str] = ()) -> Path:
+    """Draw a kind of figure into DIR/figures, and return its path.
+
+    Parameters
+    ----------
+    key : the point to show, by default the best; for figures of one point
+    over : keys of points to lay over it; for `profile`
 
     Raises
     ------
@@ -428,9 +453,14 @@ def save_plot(directory: str | Path, kind: str) -> Path:
     """
     if kind not in PLOTS:
         raise ValueError(f"no figure is called `{kind}`; there are {', '.join(PLOTS)}")
-    directory = Path(directory)
-    data = PLOTS[kind].data(directory)
+    entry, directory = PLOTS[kind], Path(directory)
+    if key and not entry.single:
+        raise ValueError("this figure shows the whole study, not one point")
+    if over and kind != "profile":
+        raise ValueError("only `profile` lays points over one another")
+    more: list[Any] = [key or chosen_key(open_study(directory))] if entry.single else []
+    data = entry.data(directory, *more, *([over] if over else []))
     with matplotlib.rc_context(STYLE):
         figure = Figure(layout="constrained")
-        PLOTS[kind].draw(data, figure)
+        entry.draw(data, figure)
         return write_whole(directory / "figures" / f"{kind}.png", lambda place: figure.savefig(place, format="png"))

@@ -28,7 +28,7 @@ from solvers.methods.harmonic import terms
 
 from .config import Study
 from .evaluate import evaluate_with_series, run_trusted
-from .metrics import LOSSES, along, count_jumps, end_tension
+from .metrics import LEDGER, LOSSES, along, count_jumps, end_pull, off_plane
 from .pareto import best
 from .plan import Plan, read_plan
 from .point import Point, Record
@@ -36,14 +36,13 @@ from .space import design_scene
 from .store import StoreError, open_study, outcome, study_of, write_whole
 
 CENTRE = 6.0  # omega_c of the Morlet wavelet: about six oscillations under its bell
-LEDGER = ("kinetic", "strain", "gravity", "work", *(f"lost_{name}" for name in LOSSES), "rotation")
 PAPER_SINK = {"k": 2e4, "half_span": 0.05}  # of paper 003's figures 2b and 3 [N/m], [m]
 MOST_ORDERS = 15  # harmonics that a figure shows
 PER_PERIOD = 400  # samples of a loop
 LOOPS = 8  # last periods of a march that are kept, at most
 CURVES, PANELS, MOST_POINTS = 6, 4, 400  # of a frequency response, at most
 HARMONICS = 8, 16  # of such a curve: as many as its rows have, but at least and at most these
-LAYOUT = 2  # of the files in DIR/series; raised when they hold something new
+LAYOUT = 3  # of the files in DIR/series; raised when they hold something new
 
 
 # --------------------------------------------------------------------------- a point of a folder
@@ -128,7 +127,8 @@ def reduce(raw: xr.Dataset, point: Point, record: Record) -> xr.Dataset:
     sideways direction, ``arc`` and ``depth`` of the nodes, ``stroke`` and ``jump`` (1 where the passage of
     mid-stroke ends in the other well) of the devices, the energy ledger with its ``residual``, ``G``, ``share``
     (of the integral of x^2 that is over), ``tension`` at end B, and the record's metrics as attributes
-    ``metric_<name>``; ``period`` is NaN where the motion has none
+    ``metric_<name>``; ``period`` is NaN where the motion has none; ``last_...`` and ``baseline_last_...`` as
+    :func:`at_last` makes them
     """
     settings, t = point.settings, raw["time"].values
     sideways = directions(raw)
@@ -137,7 +137,7 @@ def reduce(raw: xr.Dataset, point: Point, record: Record) -> xr.Dataset:
     about = {"units": "m", "long_name": "displacement normal to the static tangent"}
     found["displacement"] = (("time", "node"), _project(raw["transverse"].values, sideways), about)
     found["depth"] = ("node", -raw["static_position"].values[:, 2], {"units": "m", "long_name": "static depth"})
-    pull = end_tension(raw["end_force"].values[:, 1], point.scene.end_b, 1.0)
+    pull = end_pull({str(name): array.values for name, array in raw.data_vars.items()}, point.scene.end_b, 1)
     found["tension"] = ("time", pull, {"units": "N", "long_name": "tension at end B"})
     name = settings.baseline
     if f"{name}_transverse" in raw:
@@ -153,7 +153,12 @@ def reduce(raw: xr.Dataset, point: Point, record: Record) -> xr.Dataset:
     )
     _add_energy(found)
     _add_devices(found, point.scene)
+    for prefix in ("", f"{name}_"):
+        if f"{prefix}position" in raw:
+            found.update(at_last(raw, prefix, "" if not prefix else "baseline_"))
     found.attrs = {
+        "values": ", ".join(f"{name} = {value:.4g}" for name, value in point.values.items()),
+        "model": record.model,
         "status": record.status,
         "baseline": name,
         "probe": math.nan if settings.probe is None else settings.probe,
@@ -170,6 +175,74 @@ def reduce(raw: xr.Dataset, point: Point, record: Record) -> xr.Dataset:
         found.attrs["window"] = list(settings.window)
     assert len(t) == found.sizes["time"]
     return found
+
+
+def at_last(raw: xr.Dataset, prefix: str, new: str) -> dict[str, Any]:
+    """The line at the last output time: shape, tension and, of rods and catenaries, shear, bending moment and domain.
+
+    ``away`` and ``height`` are counted from end A, ``away`` level towards end B. Of a line in a vertical plane shear
+    and moment have signs: the moment is positive where the line is hollow upwards, the shear where the part beyond s
+    pulls upwards across the line on the part before it. Of a line in space they are sizes.
+    """
+    def last(name: str) -> np.ndarray:
+        return np.asarray(raw[prefix + name].values[-1], dtype=float)
+
+    x = last("position")
+    x = x - x[0]
+    span = x[-1, :2]
+    wide = float(np.linalg.norm(span))
+    level = np.array([*(span / wide if wide > 1e-6 * np.abs(x).max() else (1.0, 0.0)), 0.0])
+    node, segment = (f"{new}last_{name}" for name in ("node", "segment"))
+    arc = raw[f"{prefix}arc"].values
+    found: dict[str, Any] = {
+        "s": (node, arc, {"units": "m", "long_name": "arc length s from end A"}),
+        "middle": (segment, (arc[1:] + arc[:-1]) / 2, {"units": "m", "long_name": "arc length s from end A"}),
+        "away": (node, x @ level, {"units": "m", "long_name": "level distance from end A"}),
+        "height": (node, x[:, 2], {"units": "m", "long_name": "height above end A"}),
+        "tension": (segment, last("tension"), {"units": "N", "long_name": "tension"}),
+    }
+    if f"{prefix}domain" in raw:
+        shear, moment = last("shear"), last("moment")
+        size = np.sqrt(np.maximum((moment**2).sum(axis=1) - last("torque") ** 2, 0.0))
+        if off_plane(x[None]) <= 1e-6 * np.abs(x).max():
+            aside = np.cross(level, [0.0, 0.0, 1.0])
+            chord = np.gradient(x, arc, axis=0)
+            shear = shear * np.sign((last("force") * np.cross(aside, chord)).sum(axis=1))
+            size = size * np.sign(moment @ aside)
+        found["shear"] = (node, shear, {"units": "N", "long_name": "shear"})
+        found["moment"] = (node, size, {"units": "N m", "long_name": "bending moment"})
+        found["domain"] = (segment, last("domain"), {"units": "1", "long_name": "1 where it is a rod"})
+    return {f"{new}last_{name}": array for name, array in found.items()}
+
+
+def profile_of(directory: str | Path, key: str, over: Sequence[str] = ()) -> xr.Dataset:
+    """A point's line at its last output time, and those of its baseline and of other points to lay over it.
+
+    Returns
+    -------
+    dataset with ``last_s``, ``last_tension``, ... of the point as :func:`at_last` makes them, ``baseline_last_...``
+    where the baseline is another run, and ``over1_last_...`` and so on; ``over1_label`` and so on in the attributes
+    """
+    series = series_of(directory, key)
+    found = series[[name for name in series.data_vars if "last_" in str(name)]].drop_vars("time", errors="ignore")
+    same = all(np.array_equal(found[f"baseline_last_{x}"], found[f"last_{x}"]) for x in ("away", "height", "tension")
+               if f"baseline_last_{x}" in found)  # fmt: skip
+    if same:
+        found = found.drop_vars([name for name in found.data_vars if str(name).startswith("baseline_")])
+    for i, other in enumerate(over, 1):
+        theirs = series_of(directory, other)
+        names = {str(name): f"over{i}_{name}" for name in theirs.data_vars if str(name).startswith("last_")}
+        dims = {name: f"over{i}_{name}" for name in ("last_node", "last_segment")}
+        found = found.merge(theirs[list(names)].drop_vars("time", errors="ignore").rename(names | dims))
+        found.attrs[f"over{i}_label"] = point_label(theirs)
+    return found
+
+
+def point_label(series: xr.Dataset) -> str:
+    """A point in words: its values, environment and model."""
+    attrs = series.attrs
+    parts = [str(attrs.get(name, "")) for name in ("values", "environment", "model")]
+    return ", ".join(part for part in parts if part) or f"point {attrs.get('key', '')}"
 
 
 def directions(raw: xr.Dataset) -> np.ndarray:
@@ -443,7 +516,7 @@ def _at_end(run: Response, scene: Scene, end: int) -> tuple[np.ndarray, np.ndarr
     way = run.signals["position"][:, node] - origin
     axis = np.linalg.svd(way, full_matrices=False)[2][0]
     axis = axis * (np.sign(axis[np.abs(axis).argmax()]) or 1.0)
-    return end_tension(run.signals["end_force"][:, end], which, (-1.0, 1.0)[end]), way @ axis
+    return end_pull(run.signals, which, end), way @ axis
 
 
 # --------------------------------------------------------------------------- responses over a design variable

@@ -12,12 +12,14 @@ from dataclasses import asdict, replace
 from typing import Any
 
 import numpy as np
+from pydantic import TypeAdapter
 from scipy.stats import qmc
 
 from solvers import Ask, PointMass, Scene, Section
 
-from .config import MetricSettings, Study
-from .fields import bind, dump
+from .config import AskSection, MetricSettings, Study
+from .fields import apart, assign, bind, dump
+from .mend import plain
 from .point import Point
 
 # --------------------------------------------------------------------------- designs
@@ -72,19 +74,30 @@ def designs(study: Study, limit: int | None = None) -> list[dict[str, float]]:
 
 def design_scene(study: Study, values: Mapping[str, float], environment: int = 0) -> Scene:
     """The scene of a design in an environment, validated."""
-    return bind(study.scene, dict(study.environments[environment].set) | study.assignments(values))
+    return bind(study.scene, apart(dict(study.environments[environment].set) | study.assignments(values))[0])
+
+
+def design_ask(study: Study, values: Mapping[str, float], environment: int = 0) -> Ask:
+    """What is asked of a design in an environment, validated: the study's ask, with what ``ask.x`` sets in it."""
+    wanted = apart(dict(study.environments[environment].set) | study.assignments(values))[1]
+    if not wanted:
+        return study.ask
+    tree = plain(asdict(study.ask))
+    for path, value in wanted.items():
+        assign(tree, path, value)
+    return Ask(**asdict(TypeAdapter(AskSection).validate_python(tree)))
 
 
 def make_point(study: Study, design: int, environment: int, values: Mapping[str, float]) -> Point:
     """A point ready to run."""
-    scene = design_scene(study, values, environment)
+    scene, ask = design_scene(study, values, environment), design_ask(study, values, environment)
     return Point(
-        key=point_key(scene, study.ask, study.settings),
+        key=point_key(scene, ask, study.settings),
         design=design,
         environment=environment,
         values=dict(values),
         scene=scene,
-        ask=study.ask,
+        ask=ask,
         settings=study.settings,
     )
 
@@ -129,9 +142,10 @@ def point_key(scene: Scene, ask: Ask, settings: MetricSettings | None = None) ->
     16 hexadecimal digits
     """
     asked = asdict(ask)
-    if not ask.output_from:  # younger than the first keys, which did not have it
-        del asked["output_from"]
-    parts = {"scene": dump(scene), "ask": asked}
+    for name, usual in (("output_from", 0.0), ("rho_space", 1.0)):  # younger than the first keys
+        if asked[name] == usual:
+            del asked[name]
+    parts = {"scene": _as_first(dump(scene)), "ask": asked}
     if settings is not None:
         chosen = asdict(settings)
         if not settings.repeats:
@@ -139,6 +153,18 @@ def point_key(scene: Scene, ask: Ask, settings: MetricSettings | None = None) ->
         parts["metrics"] = chosen
     text = json.dumps(canonical(parts), sort_keys=True, separators=(",", ":"), allow_nan=False)
     return hashlib.sha256(text.encode()).hexdigest()[:16]
+
+
+def _as_first(tree: dict[str, Any]) -> dict[str, Any]:
+    """A dumped scene without the fields, at their defaults, that scenes did not have when keys were first made."""
+    for part, names in (
+        *((section, ("coupling", "curvature", "moment")) for section in tree["cable"]),
+        *((tree[end], ("twist",)) for end in ("end_a", "end_b")),
+    ):
+        for name in names:
+            if part[name] in (0.0, [0.0, 0.0, 0.0]):
+                del part[name]
+    return tree
 
 
 # --------------------------------------------------------------------------- baselines
@@ -149,15 +175,23 @@ def baseline_scene(scene: Scene, name: str) -> Scene:
 
     ``plain``: no devices. ``uniform``: no devices, their mass and net weight spread evenly along the cable.
     ``locked``: each mass fixed at its point, no rod. ``rod_locked``: the same on the device's rigid rod.
-    Fixed masses and buoys of the scene stay as they are in the last two.
+    Fixed masses and buoys of the scene stay as they are in the last two. ``full_rod``: the same scene, run as a rod
+    from end to end (:func:`baseline_model`).
     """
+    if name == "full_rod":
+        return scene
     if name == "plain":
         return replace(scene, devices=())
     if name == "uniform":
         return replace(scene, devices=(), cable=tuple(_loaded(scene)))
     if name not in ("locked", "rod_locked"):
-        raise ValueError(f"no baseline `{name}`: uniform, locked, rod_locked, plain")
+        raise ValueError(f"no baseline `{name}`: uniform, locked, rod_locked, plain, full_rod")
     return replace(scene, devices=tuple(_locked(device, name == "rod_locked") for device in scene.devices))
+
+
+def baseline_model(ask: Ask, name: str) -> Ask:
+    """What is asked of a baseline as far as its name decides: ``full_rod`` is the line ``rod``."""
+    return replace(ask, model="rod", rods=None) if name == "full_rod" else ask
 
 
 def _locked(device: Any, with_rod: bool) -> Any:

@@ -350,7 +350,7 @@ def test_fields_that_contradict_one_another(scene, path, words):
         (
             {"scene__end_a__direction": [0, 0, 1]},
             "scene.end_a.direction",
-            "a clamped end needs a `direction`",
+            "a pinned end has no `direction`",
         ),
         ({"scene__cable": []}, "scene.cable", "at least 1"),
         ({"variables__stiff__log": [1e4, -1]}, "variables.stiff.log[1]", "greater than 0"),

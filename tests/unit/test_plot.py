@@ -10,6 +10,7 @@ import numpy as np
 import pytest
 import xarray as xr
 from matplotlib.figure import Figure
+from test_rods import profiles
 
 from sweep import plot
 from sweep.labels import STYLE, label, metric_label, symbol
@@ -137,6 +138,7 @@ def response(panels=2, curves=3):
 DATA = {"loop": loops, "response": response}
 DATA |= {"wavelet": lambda: wavelet(series()), "spectrum": lambda: spectrum(series())}
 DATA |= dict.fromkeys(("front", "parallel", "ea"), study)
+DATA |= {"profile": profiles}
 DATA |= {"force-law": force_laws, "force-angle": lambda: force_laws((0.0, 5.0, 10.0))}
 
 
