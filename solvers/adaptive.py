@@ -1,7 +1,7 @@
 """Hybrid lines whose rod domains follow the motion: before the run from the static state, then window by window.
 
-A window that ends with a state which wants a rod outside the present domains is run again with larger ones; domains that
-are no longer wanted shrink at a window's end. The energy that a change of domains adds or takes is an error of the
+A window that ends with a state which needs a rod outside the present domains is run again with larger ones; where only
+their padding is touched they grow for the next one, and domains that are no longer wanted shrink at a window's end. The energy that a change of domains adds or takes is an error of the
 choice, not of the march: it goes into the estimated error, not into the ledger's gap. The error of the choice is estimated a posteriori: one Newton step of the full rod from the hybrid's state.
 """
 
@@ -35,7 +35,7 @@ from .quantities import QUANTITIES
 SHARE = 1.0  # of `accuracy`: the share of the load that a catenary may neglect
 WINDOWS = 24  # at least, in a run
 PER_PERIOD = 8  # windows in the shortest period of the excitation
-WORTH = 0.8  # domains shrink when at most this share of their elements is left
+WORTH = 0.6  # domains shrink when at most this share of their elements is left
 NEGLIGIBLE = 1e-5  # share of the load that nobody asks about
 ROUNDS = 8  # of static state and domains
 
@@ -246,9 +246,9 @@ def follow(
             code, out, s, spent = advance(model, q, v, cut[k : k + 2], grid[here])
             counts += out.counts
             seconds += spent
-            wish = domains.wanted(model, s.q[0], SHARE * ask.accuracy) if code == 0 else np.ones(model.segments, bool)
-            if attempt == 5 or not (wish & ~model.rod).any():
+            if attempt == 5 or (code == 0 and not domains.outside(model, s.q[0], SHARE * ask.accuracy)):
                 break
+            wish = domains.wanted(model, s.q[0], SHARE * ask.accuracy) if code == 0 else np.ones(model.segments, bool)
             rod = domains.tidy(wish | model.rod, np.diff(model.s), domains.share_of_bending(model, q)[1])
             if np.array_equal(rod, model.rod):
                 break
@@ -282,6 +282,8 @@ def follow(
             error = worse(error, joint_error(model, q, v, s.a[0]))
         rod = domains.wanted(model, q, SHARE * ask.accuracy)
         grows = bool((rod & ~model.rod).any())
+        if grows:
+            rod = domains.tidy(rod | model.rod, np.diff(model.s), domains.share_of_bending(model, q)[1])
         if (grows or rod.sum() < WORTH * model.rod.sum()) and k + 2 < len(cut):
             other = _model(model.scene, model.asked, ask, rod)
             q, v, a = *changed(model, other, float(cut[k + 1]), q, v, a), _accelerations(model, other, a)

@@ -34,6 +34,7 @@ from .march import (
     record,
 )
 
+LEAST_SHARE = 1.0 / 64.0  # of a fixed step, where Newton fails at the whole one
 ROUNDING = 1e-14  # some 50 units in the last place
 OK, DIVERGED, NO_CONVERGENCE = int(Status.OK), int(Status.DIVERGED), int(Status.NO_CONVERGENCE)
 STEP_TOO_SMALL, TOO_MANY_STEPS = int(Status.STEP_TOO_SMALL), int(Status.TOO_MANY_STEPS)
@@ -165,7 +166,7 @@ def newton(t, dq, dv, da, pack, w, most, small, floor, counts, fresh):
 
 @kernel
 def generalised_alpha(pack, s, out, w, pieces, h, rho, floor, max_steps):
-    """March at fixed step h. Row 0 of s.q, s.v holds the start. Returns a status.
+    """March at fixed step h, halved for once where Newton fails. Row 0 of s.q, s.v holds the start. Returns a status.
 
     y_{n+1} = y_n + h ((1 - g) y'_n + g y'_{n+1}) for q and v; q' at n + am equals v at n + af, and F = 0 is asked at
     (q, v at n + af; v' at n + am), with am = (3 - rho)/(2 (1 + rho)), af = 1/(1 + rho), g = 1/2 + am - af.
@@ -176,7 +177,7 @@ def generalised_alpha(pack, s, out, w, pieces, h, rho, floor, max_steps):
     rate0, rate1 = w.more[0], w.more[1]  # q', which is not v in between
     given_q, given_v, given_a = w.more[2], w.more[3], w.more[4]
     start = 0.0
-    step = h
+    step, share = h, 1.0
     for piece in range(len(pieces) - 1):
         t, stop = pieces[piece], pieces[piece + 1]
         lo, hi = np.nextafter(t, 1e300), np.nextafter(stop, -1e300)
@@ -189,7 +190,7 @@ def generalised_alpha(pack, s, out, w, pieces, h, rho, floor, max_steps):
         while t < stop:
             if out.counts[C_STEPS] >= max_steps:
                 return TOO_MANY_STEPS
-            h = step
+            h = share * step
             last = False
             if t + h * (1.0 + 1e-6) >= stop:
                 h = stop - t
@@ -217,7 +218,12 @@ def generalised_alpha(pack, s, out, w, pieces, h, rho, floor, max_steps):
             for i in range(n):  # no Newton step can be smaller than what rounding makes of q
                 small += 0.5 * pack.weight[i] * (dv * ROUNDING * s.q[0, i]) ** 2
             if newton(tf, dq, dv, da, pack, w, 25, small, floor, out.counts, True) == 0:
-                return NO_CONVERGENCE
+                share *= 0.5  # contact may cycle at one step and not at another
+                out.counts[C_REJECTED] += 1
+                if share < LEAST_SHARE:
+                    return NO_CONVERGENCE
+                continue
+            share = min(1.0, 2.0 * share)
             for i in range(n):
                 s.q[1, i] = s.q[0, i] + (w.q[i] - s.q[0, i]) / af
                 s.v[1, i] = s.v[0, i] + (w.v[i] - s.v[0, i]) / af

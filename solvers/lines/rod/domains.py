@@ -45,6 +45,14 @@ def share_of_bending(model: RodModel, q: np.ndarray) -> tuple[np.ndarray, np.nda
     return np.where(taut, np.maximum(np.maximum(bending, torsion), left_out), np.inf), length
 
 
+def outside(model: RodModel, q: np.ndarray, share: float) -> bool:
+    """Whether the state q asks for a rod where there is none, padding aside."""
+    if model.twisted(model.scene):
+        return not bool(model.rod.all())
+    bends = np.array([model.scene.cable[k].EI > 0 for k in model.section])
+    return bool(((share_of_bending(model, q)[0] > share) & bends & ~model.rod).any())
+
+
 def wanted(model: RodModel, q: np.ndarray, share: float) -> np.ndarray:
     """(m,) bool: where the state q asks for a rod, given where it is one now."""
     if model.twisted(model.scene):
