@@ -7,6 +7,7 @@ choice, not of the march: it goes into the estimated error, not into the ledger'
 
 from __future__ import annotations
 
+import time
 from collections.abc import Callable
 from typing import Any, NamedTuple
 
@@ -204,7 +205,7 @@ class Followed(NamedTuple):
     ledger: np.ndarray  # (nt, 9) over the whole run
     residual: float  # of the energy balance
     counts: np.ndarray
-    seconds: float
+    seconds: float  # of all windows, changes of domains and estimates included
     error: Estimate  # the worst on the way
     changes: int  # of domains
     share: float  # mean share of rod
@@ -230,12 +231,13 @@ def follow(
     advance: Callable[[RodModel, np.ndarray, np.ndarray, np.ndarray, np.ndarray], Any], floor: float,
 ) -> Followed:  # fmt: skip
     """March in windows; `advance(model, q, v, pieces, grid)` marches one and returns (code, out, ends, seconds)."""
+    begun, compiling = time.perf_counter(), 0.0
     cut = edges(ask, model.omega, model.breaks)
     ends_at = np.searchsorted(grid, cut[1:] * (1 - 1e-12), side="left")
     ends_at[-1] = len(grid)
     signals: list[dict[str, np.ndarray]] = []
     ledger = np.full((len(grid), len(LEDGER)), np.nan)
-    counts, seconds, changes, share, error, gap = np.zeros(4, dtype=np.int64), 0.0, 0, 0.0, NOTHING_LEFT_OUT, 0.0
+    counts, changes, share, error, gap = np.zeros(4, dtype=np.int64), 0, 0.0, NOTHING_LEFT_OUT, 0.0
     open_by = 0.0
     carried, peak, done, booked = np.zeros(len(LEDGER)), floor, 0, 0.0
     zero = held = _energy(model, q, v)  # at the start, and at the present window's
@@ -243,9 +245,10 @@ def follow(
     for k in range(len(cut) - 1):
         here, after = slice(before, int(ends_at[k])), int(ends_at[k])
         for attempt in range(6):
+            since = time.perf_counter()
             code, out, s, spent = advance(model, q, v, cut[k : k + 2], grid[here])
             counts += out.counts
-            seconds += spent
+            compiling += time.perf_counter() - since - spent
             if attempt == 5 or (code == 0 and not domains.outside(model, s.q[0], SHARE * ask.accuracy)):
                 break
             wish = domains.wanted(model, s.q[0], SHARE * ask.accuracy) if code == 0 else np.ones(model.segments, bool)
@@ -291,6 +294,7 @@ def follow(
             booked += abs(_energy(model, q, v) - energy)
         held = _energy(model, q, v)
     error = error._replace(energy=booked / peak)
+    seconds = time.perf_counter() - begun - compiling
     return Followed(status, signals, ledger, gap / peak, counts, seconds, error, changes, share, model, done)
 
 

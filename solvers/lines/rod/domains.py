@@ -20,7 +20,7 @@ import math
 
 import numpy as np
 
-from .model import RodModel, carried
+from .model import RodModel, carried, upright
 from .params import matrix, quaternion
 
 PAD = 3.0  # bending lengths between what needs a rod and the joint
@@ -98,22 +98,25 @@ def carry_over(old: RodModel, new: RodModel, q: np.ndarray, v: np.ndarray) -> tu
         return q.copy(), v.copy()
     a, b = old.pack, new.pack
     p, w = np.zeros(new.ndof), np.zeros(new.ndof)
-    for i in range(new.nodes):
-        for mine, its in ((b.r, a.r), (b.N, a.N)):
-            p[mine[i] : mine[i] + 3], w[mine[i] : mine[i] + 3] = q[its[i] : its[i] + 3], v[its[i] : its[i] + 3]
-    shape = np.array([q[a.r[i] : a.r[i] + 3] for i in range(old.nodes)])
+
+    def copy(mine: np.ndarray, its: np.ndarray, count: int) -> None:
+        both = np.flatnonzero((mine >= 0) & (its >= 0))
+        into, of = mine[both][:, None] + np.arange(count), its[both][:, None] + np.arange(count)
+        p[into], w[into] = q[of], v[of]
+
+    copy(b.r, a.r, 3)
+    copy(b.N, a.N, 3)
+    shape = q[a.r[:, None] + np.arange(3)]
     t = new.tangents(shape)
-    flexible = new.flexible
-    new.frames(p, shape, spread=False)
+    known = a.p >= 0
+    for i in np.flatnonzero(new.flexible & ((b.p < 0) != (a.p < 0) | (b.hinge != 0))):
+        N = p[b.N[i] : b.N[i] + 3]
+        p[b.N[i] : b.N[i] + 3] = max(float(N @ t[i]), 1e-3 * new.force_scale) * t[i]
+    copy(b.p, a.p, 4)
+    _continue_frames(known, new, p, t)
     new.spin_along(p, w)
-    for i in range(new.nodes):
-        if b.p[i] >= 0 and a.p[i] >= 0:
-            p[b.p[i] : b.p[i] + 4], w[b.p[i] : b.p[i] + 4] = q[a.p[i] : a.p[i] + 4], v[a.p[i] : a.p[i] + 4]
-            p[b.M[i] : b.M[i] + 3], w[b.M[i] : b.M[i] + 3] = q[a.M[i] : a.M[i] + 3], v[a.M[i] : a.M[i] + 3]
-        if flexible[i]:
-            N = p[b.N[i] : b.N[i] + 3]
-            p[b.N[i] : b.N[i] + 3] = max(float(N @ t[i]), 1e-3 * new.force_scale) * t[i]
-    _continue_frames(old, new, p)
+    copy(b.p, a.p, 4)
+    copy(b.M, a.M, 3)
     _curve_moments(old, new, p, shape)
     for i in np.flatnonzero((b.p >= 0) & (b.hinge != 0)):
         if 0 < i < new.nodes - 1:
@@ -121,17 +124,23 @@ def carry_over(old: RodModel, new: RodModel, q: np.ndarray, v: np.ndarray) -> tu
     return p, w
 
 
-def _continue_frames(old: RodModel, new: RodModel, q: np.ndarray) -> None:
-    """New frames beside old ones carry on from them, so that no twist appears where a domain grows."""
-    b = new.pack.p
-    known = old.pack.p >= 0
+def _continue_frames(known: np.ndarray, new: RodModel, q: np.ndarray, t: np.ndarray) -> None:
+    """New frames carry on from those known beside them, so that no twist appears where a domain grows; a new domain
+    starts upright."""
+    b, known = new.pack.p, known.copy()
+    inside = b >= 0
+    for first in np.flatnonzero(inside & ~np.concatenate([[False], inside[:-1]])):
+        stop = first + int(np.argmin(np.concatenate([inside[first:], [False]])))
+        if not known[first:stop].any():
+            q[b[first] : b[first] + 4] = quaternion(upright(t[first]))
+            known[first] = True
     for order in (range(1, new.nodes), range(new.nodes - 2, -1, -1)):
         for i in order:
             j = i - order.step
             if known[i] or not known[j] or b[i] < 0 or b[j] < 0:
                 continue
             before = q[b[j] : b[j] + 4]
-            p = quaternion(carried(matrix(before), matrix(q[b[i] : b[i] + 4])[:, 2]))
+            p = quaternion(carried(matrix(before), t[i]))
             q[b[i] : b[i] + 4] = p if p @ before >= 0 else -p
             known[i] = True
 

@@ -184,7 +184,7 @@ class RodModel:
         N[slack] = (0.03 * np.linalg.norm(N, axis=1) + 1e-3 * total)[slack, None] * along[slack]
         return N
 
-    def frames(self, q: np.ndarray, shape: np.ndarray, spread: bool = True) -> None:
+    def frames(self, q: np.ndarray, shape: np.ndarray) -> None:
         """Frames of all rod nodes in q: transported along the shape, the twist between two guided ends spread evenly."""
         pack = self.pack
         chord = np.diff(shape, axis=0)
@@ -200,7 +200,7 @@ class RodModel:
                 continue
             if start is None:
                 first = home.get(i)
-                frame = matrix(first) if first is not None else self._upright(at[i])
+                frame = matrix(first) if first is not None else upright(at[i])
                 start = i
             else:
                 frame = carried(frame, at[i] if i not in home else matrix(home[i])[:, 2])
@@ -210,20 +210,13 @@ class RodModel:
                 p = p if p @ before >= 0 else -p
             q[pack.p[i] : pack.p[i] + 4] = p
         last = self.nodes - 1
-        if spread and 0 in home and last in home and inside.all():
+        if 0 in home and last in home and inside.all():
             wanted = matrix(home[last])
             have = matrix(q[pack.p[last] : pack.p[last] + 4])
             angle = math.atan2(wanted[:, 0] @ have[:, 1], wanted[:, 0] @ have[:, 0])
             for i in range(1, self.nodes):
                 k = pack.p[i]
                 q[k : k + 4] = rotated(q[k : k + 4], angle * self.s[i] / self.s[-1])
-
-    @staticmethod
-    def _upright(t: np.ndarray) -> np.ndarray:
-        """A frame whose third axis is t and whose second is horizontal."""
-        flat = np.cross([0.0, 0.0, 1.0], t)
-        second = flat / np.linalg.norm(flat) if np.linalg.norm(flat) > 1e-9 else np.array([0.0, 1.0, 0.0])
-        return np.column_stack([np.cross(second, t), second, t])
 
     def given(self) -> tuple[np.ndarray, np.ndarray]:
         """State of a start of kind `given`; forces follow from the motion at the first step."""
@@ -249,11 +242,11 @@ class RodModel:
         D, rate = np.diff(x, axis=0), np.diff(u, axis=0)
         omega = np.cross(D, rate) / (D * D).sum(axis=1)[:, None]
         omega = np.concatenate([omega[:1], (omega[1:] + omega[:-1]) / 2, omega[-1:]])
-        for i in np.flatnonzero(pack.p >= 0):
-            k = pack.p[i]
-            w, r = q[k], q[k + 1 : k + 4]
-            v[k] = -0.5 * omega[i] @ r
-            v[k + 1 : k + 4] = 0.5 * (w * omega[i] + np.cross(omega[i], r))
+        at = np.flatnonzero(pack.p >= 0)
+        index = pack.p[at][:, None] + np.arange(4)
+        w, r, o = q[index[:, :1]], q[index[:, 1:]], omega[at]
+        v[index[:, 0]] = -0.5 * (o * r).sum(axis=1)
+        v[index[:, 1:]] = 0.5 * (w * o + np.cross(o, r))
 
     # ------------------------------------------------------------------------------------------ quantities
 
@@ -279,17 +272,20 @@ class RodModel:
         curvature = np.zeros_like(tension)
         cos = np.clip((t[:, 1:] * t[:, :-1]).sum(axis=2), -1, 1)
         curvature[:, 1:-1] = 2 * np.tan(np.arccos(cos) / 2) / ((pack.l[1:] + pack.l[:-1]) / 2)
-        for i in np.flatnonzero(pack.p >= 0):
-            R = matrix(q[:, pack.p[i] : pack.p[i] + 4])
-            third = R[:, :, 2]
-            e = min(i, self.segments - 1) if i == 0 or self.rod[min(i, self.segments - 1)] else i - 1
-            tension[:, i] = (force[:, i] * third).sum(axis=1)
-            shear[:, i] = np.linalg.norm(force[:, i] - tension[:, i, None] * third, axis=1)
-            m = np.einsum("tij,ti->tj", R, moment[:, i])
+        at = np.flatnonzero(pack.p >= 0)
+        if at.size:
+            R = matrix(self._nodal(q, pack.p, 4)[:, at])
+            third = R[..., 2]
+            e = np.where(at < self.segments, at, self.segments - 1)
+            e = np.where(self.rod[e], e, at - 1)  # a rod element at the node
+            T = (force[:, at] * third).sum(axis=-1)
+            tension[:, at], shear[:, at] = T, np.linalg.norm(force[:, at] - T[..., None] * third, axis=-1)
+            m = np.einsum("tkij,tki->tkj", R, moment[:, at])
             give, natural = pack.give[e], pack.load_factor * pack.natural[e]
-            torque[:, i] = m[:, 2]
-            twist[:, i] = natural[2] + give[2] * m[:, 2] + give[4] * tension[:, i]
-            curvature[:, i] = np.hypot(natural[0] + give[0] * m[:, 0], natural[1] + give[1] * m[:, 1])
+            torque[:, at] = m[..., 2]
+            twist[:, at] = natural[:, 2] + give[:, 2] * m[..., 2] + give[:, 4] * T
+            bend = natural[:, :2] + give[:, :2] * m[..., :2]
+            curvature[:, at] = np.hypot(bend[..., 0], bend[..., 1])
         return {
             "force": force, "moment": moment, "tension": tension, "shear": shear, "torque": torque,
             "curvature": curvature, "twist": twist,
@@ -301,10 +297,12 @@ class RodModel:
         N = self._nodal(q, pack.N)
         N = (N[:, 1:] + N[:, :-1]) / 2
         out = np.linalg.norm(N, axis=2)
-        for e in np.flatnonzero(self.rod):
-            a, b = q[:, pack.p[e] : pack.p[e] + 4], q[:, pack.p[e + 1] : pack.p[e + 1] + 4]
-            p = a + np.where((a * b).sum(axis=1) >= 0, 1.0, -1.0)[:, None] * b
-            out[:, e] = (N[:, e] * matrix(p)[:, :, 2]).sum(axis=1)
+        at = np.flatnonzero(self.rod)
+        if at.size:
+            P = self._nodal(q, pack.p, 4)
+            a, b = P[:, at], P[:, at + 1]
+            p = a + np.where((a * b).sum(axis=-1) >= 0, 1.0, -1.0)[..., None] * b
+            out[:, at] = (N[:, at] * matrix(p)[..., 2]).sum(axis=-1)
         return out
 
     def tangents(self, x: np.ndarray) -> np.ndarray:
@@ -416,6 +414,13 @@ class RodModel:
         """The rod domains in words."""
         edges = np.flatnonzero(np.diff(np.concatenate([[0], self.rod.astype(int), [0]])))
         return ", ".join(f"{self.s[a]:.4g} to {self.s[b]:.4g} m" for a, b in zip(edges[::2], edges[1::2], strict=True))
+
+
+def upright(t: np.ndarray) -> np.ndarray:
+    """A frame whose third axis is t and whose second is horizontal."""
+    flat = np.cross([0.0, 0.0, 1.0], t)
+    second = flat / np.linalg.norm(flat) if np.linalg.norm(flat) > 1e-9 else np.array([0.0, 1.0, 0.0])
+    return np.column_stack([np.cross(second, t), second, t])
 
 
 def carried(frame: np.ndarray, t: np.ndarray) -> np.ndarray:
