@@ -100,6 +100,18 @@ def test_heavy_elastica(q: float) -> None:
     assert np.abs(errors[-1]).max() < 5e-5
 
 
+@pytest.mark.parametrize("alpha", [0.5, 2.0])
+def test_bent_between_clamp_and_pin(alpha: float) -> None:
+    """The cantilever's loaded end pinned where the load brings it: the pin takes that load, and hardly any other.
+
+    h^2 leaves 3e-4 of it at 40 elements.
+    """
+    tip = cantilever(alpha)
+    there = End(kind="pinned", position=(1 - tip.shortening, 0, -tip.drop))
+    found = at_rest(hung(bar(EA=1e6), there), 40)
+    np.testing.assert_allclose(found.signals["end_force"][0, 1], [0, 0, -alpha], atol=3e-3 * alpha)
+
+
 @pytest.mark.parametrize("twist", [0.0, 90.0])
 def test_bending_about_either_axis(twist: float) -> None:
     """EI about body axis 1 and EI2 about axis 2, which is horizontal at twist 0: a load down bends about axis 2, a load
@@ -219,7 +231,7 @@ def stretched_off_its_clamp(angle: float, T: float, EI: float, length: float) ->
 
 @pytest.mark.parametrize("angle", [0.3, 1.5])
 def test_boundary_layer(angle: float) -> None:
-    """Curvature at the clamp, its profile (order 2), and the length over which it decays, 12 of which make the rod long.
+    """Curvature at the clamp, its profile (order 2), and the length over which it decays; the rod is 12 of these long.
 
     The box scheme keeps EI kappa^2/2 + T cos theta, so that the clamp's curvature is exact but for the strain T/EA.
     """
@@ -236,6 +248,15 @@ def test_boundary_layer(angle: float) -> None:
         decay = -1 / np.polyfit(s[tail], np.log(kappa[tail]), 1)[0]
     assert_second_order(errors)
     assert decay == pytest.approx(layer.length, rel=2e-3)  # (h/length)^2/24 of it, and the elastica's own 1e-3
+
+
+@pytest.mark.parametrize("segments", [48, 96, 192])
+def test_a_rod_turns_the_short_way(segments: int) -> None:
+    """A clamp 2 rad off the force: the rod turns by 2 rad and not by 2 pi - 2, whose curvature at the clamp is the same
+    but for its sign, on any mesh."""
+    layer = boundary_layer(7.0, 0.3, 2.0)
+    found = at_rest(stretched_off_its_clamp(2.0, 7.0, 0.3, 12 * layer.length), segments).signals
+    assert found["moment"][0, 0, 1] / 0.3 == pytest.approx(layer.curvature, rel=1e-8)
 
 
 def test_a_layer_that_the_mesh_cannot_resolve_is_told() -> None:
