@@ -104,12 +104,12 @@ def test_heavy_elastica(q: float) -> None:
 def test_bent_between_clamp_and_pin(alpha: float) -> None:
     """The cantilever's loaded end pinned where the load brings it: the pin takes that load, and hardly any other.
 
-    h^2 leaves 3e-4 of it at 40 elements.
+    h^2 leaves 2.5e-3 of it at 80 elements, most of that along the rod, which hardly gives that way.
     """
     tip = cantilever(alpha)
     there = End(kind="pinned", position=(1 - tip.shortening, 0, -tip.drop))
-    found = at_rest(hung(bar(EA=1e6), there), 40)
-    np.testing.assert_allclose(found.signals["end_force"][0, 1], [0, 0, -alpha], atol=3e-3 * alpha)
+    found = at_rest(hung(bar(EA=1e6), there), 80)
+    np.testing.assert_allclose(found.signals["end_force"][0, 1], [0, 0, -alpha], atol=4e-3 * alpha)
 
 
 @pytest.mark.parametrize("twist", [0.0, 90.0])
