@@ -492,7 +492,9 @@ def march(
         signals = model.observe(out.q[:done], out.v[:done], out.f[:done], static)
         valid, why = model.validity(signals)
         zero = _static_energy(model, static)
-        if MODELS[choice.model].constrained and code == Status.OK:
+        if MODELS[choice.model].constrained and code != Status.OK:
+            valid, why = model.stopped(s.q[0])
+        elif MODELS[choice.model].constrained:
             joints = adaptive.worse(joints, adaptive.joint_error(model, s.q[0], s.v[0], s.a[0]))
     per_period = 2 * math.pi * cost.steps / (matters * ask.duration) if matters > 0 else math.inf
     if code == Status.OK and done == len(grid):

@@ -177,7 +177,7 @@ def generalised_alpha(pack, s, out, w, pieces, h, rho, floor, max_steps):
     rate0, rate1 = w.more[0], w.more[1]  # q', which is not v in between
     given_q, given_v, given_a = w.more[2], w.more[3], w.more[4]
     start = 0.0
-    step, share = h, 1.0
+    step, share, rigid = h, 1.0, constrained(pack)
     for piece in range(len(pieces) - 1):
         t, stop = pieces[piece], pieces[piece + 1]
         lo, hi = np.nextafter(t, 1e300), np.nextafter(stop, -1e300)
@@ -202,6 +202,8 @@ def generalised_alpha(pack, s, out, w, pieces, h, rho, floor, max_steps):
             dq, dv, da = af, am / (g * h), am * am / (af * g * g * h * h)
             for i in range(n):
                 x = h * s.v[0, i] + 0.5 * h * h * s.a[0, i]  # guess of q_{n+1} - q_n
+                if rigid and pack.weight[i] == 0.0:
+                    x = 0.0  # rates of constraint forces may alternate: no guide
                 rate1[i] = x / (g * h) + (g - 1.0) / g * rate0[i]
                 vf = (1.0 - am) * rate0[i] + am * rate1[i]
                 v1 = (vf - (1.0 - af) * s.v[0, i]) / af

@@ -6,6 +6,7 @@ residual falls, which follows the way down the potential energy and ends as Newt
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from typing import Any
 
@@ -124,6 +125,10 @@ def equilibrium(packs: Sequence[Any], q: np.ndarray, reach: float, tolerance: fl
     return Status.OK, trial, "reached by load continuation"
 
 
+SPIN = 1e-8
+CORRECTIONS = 15  # of Newton in a load step: one that needs more has jumped to another branch
+
+
 @njit(cache=True)
 def newton_relaxation(t, q, pack, load, most, tolerance, mu):
     """F(t, q, 0, 0) + load = 0 for a line whose rows are not forces on its unknowns (`heft` is not a diagonal), q in place.
@@ -147,7 +152,8 @@ def newton_relaxation(t, q, pack, load, most, tolerance, mu):
     for it in range(most):
         if size <= tolerance and last <= 1e-7:
             return 0, it, size
-        tangent(t, q, zero, zero, 1.0, 0.0, mu, pack, J)
+        # a line free to spin about itself has no stiffness against it: a little inertia keeps it where it is
+        tangent(t, q, zero, zero, 1.0, 0.0, max(mu, SPIN * pack.rate**2), pack, J)
         hold(J, pack.bw, pack.fixed)
         ok = factorise(pack, J)
         for i in range(n):
@@ -200,32 +206,43 @@ def _scaled(r, unit, free):
 
 
 def balance(pack: Any, starts: Sequence[np.ndarray], tolerance: float = 1e-10) -> tuple[Status, np.ndarray, str]:
-    """Static state of a line with constraints: Newton from each start, then load continuation, then relaxation.
+    """Static state of a line with constraints, by Newton, load continuation and relaxation.
 
-    Continuation comes first because it stays on the branch that grows from the unloaded line: a slender rod has many
-    equilibria, and Newton or relaxation from afar may land on any. All three are exact where they converge.
+    A slender rod has many equilibria, and Newton from afar may land on any: a line with a loose end, which has a state
+    for every share of its load, follows the branch that grows from the unloaded one. A line held at both ends has its
+    shape from the start, where Newton comes first. All three ways are exact where they converge.
     """
-    none = np.zeros(len(starts[0]))
-    for q in starts:
-        trial = np.array(q)
-        failed, iterations, size = newton_relaxation(0.0, trial, pack, none, 60, tolerance, 0.0)
-        if not failed:
-            return Status.OK, trial, f"{iterations} iterations, residual {size:.1e} of the loads"
-    for q in starts:
-        trial, load, step = np.array(q), 0.0, 0.1
-        while load < 1.0 and step > 1e-4:
-            target = min(1.0, load + step)
-            attempt, part = np.array(trial), pack._replace(load_factor=target)
-            failed, _, size = newton_relaxation(0.0, attempt, part, none, 40, tolerance, 0.0)
-            if failed:
-                step *= 0.5
-            else:
-                trial, load, step = attempt, target, step * 1.5
-        if load >= 1.0:
-            return Status.OK, trial, "reached by load continuation"
-    for q in starts:
-        trial = np.array(q)
-        failed, iterations, size = newton_relaxation(0.0, trial, pack, none, 3000, tolerance, float(pack.rate) ** 2)
-        if not failed:
-            return Status.OK, trial, f"relaxed in {iterations} steps, residual {size:.1e} of the loads"
-    return Status.NO_STATIC, trial, f"residual {size:.1e} of the loads after relaxation"
+    ways = [_newton, _continued, _relaxed]
+    if len(pack.held) < 2:
+        ways = [_continued, _newton, _relaxed]
+    status, q, note = Status.NO_STATIC, np.array(starts[0]), ""
+    for way in ways:
+        for start in starts:
+            ok, q, note = way(pack, np.array(start), tolerance)
+            if ok:
+                return Status.OK, q, note
+    return status, q, note
+
+
+def _newton(pack: Any, q: np.ndarray, tolerance: float) -> tuple[bool, np.ndarray, str]:
+    failed, iterations, size = newton_relaxation(0.0, q, pack, np.zeros(len(q)), 60, tolerance, 0.0)
+    return not failed, q, f"{iterations} iterations, residual {size:.1e} of the loads"
+
+
+def _continued(pack: Any, q: np.ndarray, tolerance: float) -> tuple[bool, np.ndarray, str]:
+    load, step, size = 0.0, 0.1, math.nan
+    while load < 1.0 and step > 1e-3:
+        target = min(1.0, load + step)
+        attempt, part = q.copy(), pack._replace(load_factor=target)
+        failed, _, size = newton_relaxation(0.0, attempt, part, np.zeros(len(q)), CORRECTIONS, tolerance, 0.0)
+        if failed:
+            step *= 0.5
+        else:
+            q, load, step = attempt, target, step * 1.5
+    return load >= 1.0, q, "reached by load continuation" if load >= 1.0 else f"residual {size:.1e} of the loads"
+
+
+def _relaxed(pack: Any, q: np.ndarray, tolerance: float) -> tuple[bool, np.ndarray, str]:
+    start = float(pack.rate) ** 2
+    failed, iterations, size = newton_relaxation(0.0, q, pack, np.zeros(len(q)), 3000, tolerance, start)
+    return not failed, q, f"relaxed in {iterations} steps, residual {size:.1e} of the loads"

@@ -7,6 +7,7 @@ from dataclasses import replace
 from typing import Any
 
 import numpy as np
+from scipy.optimize import brentq
 
 from ... import scene as sc
 from ...catenary import hanging_shape
@@ -114,7 +115,7 @@ class RodModel:
     def starts(self) -> list[np.ndarray]:
         """First guesses of the static state, best first."""
         shape = hanging_shape(self.scene, self.s)
-        return [self.place(x) for x in (shape, self._straight()) if x is not None]
+        return [self.place(x) for x in (shape, self._bowed(), self._straight()) if x is not None]
 
     def softened(self, q: np.ndarray) -> list[Any]:
         """Continuation is by load here."""
@@ -136,6 +137,30 @@ class RodModel:
             along = along if from_a else -along
         along = along / np.linalg.norm(along)
         return np.array(held.position) + along * (s if from_a else s - self.s[-1])
+
+    def _bowed(self) -> np.ndarray | None:
+        """An arc of the cable's length between two held ends that are nearer, sagging: what bending alone would make."""
+        a, b = self.scene.end_a, self.scene.end_b
+        if not self.rod.all() or a.position is None or b.position is None or len(self.static_pack.held) < 2:
+            return None
+        pa, pb = np.array(a.position), np.array(b.position)
+        chord = float(np.linalg.norm(pb - pa))
+        if not 0 < chord < (1 - 1e-9) * self.s[-1]:
+            return None
+        x = (pb - pa) / chord
+        # the side: that of the clamps if they lean out, else downwards
+        lean = sum(sign * np.array(end.direction) for sign, end in ((1, a), (-1, b)) if end.direction is not None)
+        side = np.array(lean) - x * (x @ np.array(lean)) if np.ndim(lean) else np.zeros(3)
+        if np.linalg.norm(side) < 1e-9:
+            side = np.array([0.0, 0.0, -1.0]) - x * -x[2]
+        if np.linalg.norm(side) < 1e-9:
+            side = np.array([1.0, 0.0, 0.0])
+        side = side / np.linalg.norm(side)
+        half = brentq(lambda h: math.sin(h) / h - chord / self.s[-1], 1e-9, math.pi - 1e-12)
+        radius = self.s[-1] / (2 * half)
+        angle = half * (2 * self.s / self.s[-1] - 1)
+        along, out = radius * (np.sin(angle) + math.sin(half)), radius * (np.cos(angle) - math.cos(half))
+        return pa + np.outer(along, x) + np.outer(out, side)
 
     def place(self, shape: np.ndarray) -> np.ndarray:
         """State vector with the nodes at `shape` (n, 3): frames along it with as little twist as the ends allow, forces
@@ -188,7 +213,8 @@ class RodModel:
         """Frames of all rod nodes in q: transported along the shape, the twist between two guided ends spread evenly."""
         pack = self.pack
         chord = np.diff(shape, axis=0)
-        t = chord / np.linalg.norm(chord, axis=1)[:, None]
+        size = np.linalg.norm(chord, axis=1)
+        t = np.where(size[:, None] > 0, chord, [0.0, 0.0, 1.0]) / np.where(size > 0, size, 1.0)[:, None]
         at = np.concatenate([t[:1], t[1:] + t[:-1], t[-1:]])
         at = at / np.maximum(np.linalg.norm(at, axis=1), 1e-12)[:, None]
         home = dict(zip(pack.guided.tolist(), pack.home, strict=True))
@@ -354,6 +380,13 @@ class RodModel:
             if self.rod.any():
                 where = " (in a catenary domain of the hybrid)"
             return Status.ZERO_TENSION, f"tension falls to {least:.3g} N, below {limit:.3g} N{where}"
+        return Status.OK, ""
+
+    def stopped(self, q: np.ndarray) -> tuple[Status, str]:
+        """Why a march stopped at the state q: a catenary that has nearly no tension turns without limit."""
+        least, limit = self._least(self.element_tension(q[None])), 0.05 * self.force_scale
+        if not self.rod.all() and least < limit:
+            return Status.ZERO_TENSION, f"the march stopped where a catenary's tension had fallen to {least:.3g} N"
         return Status.OK, ""
 
     def drift_error(self, static: np.ndarray) -> float:
