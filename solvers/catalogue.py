@@ -181,7 +181,7 @@ def cheapest(scene: sc.Scene, ask: Ask) -> Choice:
     CannotRepresent
         When the named model lacks a feature of the scene, or a name is unknown.
     """
-    model = "lumped" if ask.model == "auto" else ask.model
+    model, because = representing(scene, ask) if ask.model == "auto" else (ask.model, "")
     if model not in MODELS:
         raise CannotRepresent(f"no model is called {model!r}; there are {', '.join(MODELS)}")
     method = ALIASES.get(ask.method, ask.method)
@@ -209,6 +209,7 @@ def cheapest(scene: sc.Scene, ask: Ask) -> Choice:
         if can_settle(scene, ask) and not MODELS[model].constrained:
             method, how = "harmonic", "the motion is periodic: its settled response, without the way there"
         why = f"{how}; {why}"
+    why = f"{because}; {why}" if because else why
     if method == "harmonic":
         reason = settled.why_not(scene, ask.harmonics)
         if MODELS[model].constrained:
@@ -220,6 +221,22 @@ def cheapest(scene: sc.Scene, ask: Ask) -> Choice:
     if METHODS[method].adaptive is False and ask.step is None and ask.duration > 0:
         raise CannotRepresent(f"{method} needs a `step`")
     return Choice(model, method, segments, why, estimate(scene, segments))
+
+
+def representing(scene: sc.Scene, ask: Ask) -> tuple[str, str]:
+    """The line for a scene, and why where it is not the lumped one: the least that has what the scene needs.
+
+    Rotations want a rod; so does a clamp whose boundary layer lumped segments would miss. `hybrid` then decides by
+    bending and torsion against tension where, before and during the run.
+    """
+    wanted = needs(scene, ask)
+    if wanted & ~MODELS["lumped"].features and not wanted & ~MODELS["hybrid"].features:
+        return "hybrid", "hybrid: rotations matter"
+    length = scene.length / (ask.segments or UNGUIDED)
+    thin = [x for x in rod.bending_layers(scene) if 0 < x < length]
+    if thin and not wanted & ~MODELS["hybrid"].features:
+        return "hybrid", f"hybrid: bending decays over {min(thin):.3g} m at a clamp, less than a segment"
+    return "lumped", ""
 
 
 def marching(scene: sc.Scene, ask: Ask, segments: int, model: str = "lumped") -> tuple[str, str]:
@@ -509,6 +526,7 @@ def march(
         status, message = valid, f"{why}; {REMEDY[valid]}"
     elif status == Status.OK:
         status, message = _enough_rod(joints, ask, message)
+        message = f"{message}; {REMEDY[status]}" if status != Status.OK else message
     common["estimated_error"] = float(np.nanmax([common["estimated_error"], joints.worst]))
     signals |= {what: ledger[:done, k] - zero.get(what, 0.0) for k, what in enumerate(LEDGER)}
     return Response(
@@ -523,7 +541,7 @@ def _enough_rod(joints: adaptive.Estimate, ask: Ask, message: str) -> tuple[Stat
         return Status.OK, message
     parts = ", ".join(f"{x:.2g} of the {what}" for what, x in joints._asdict().items())
     why = f"bending left out in catenary domains: estimated error {parts}; `accuracy` is {ask.accuracy:g}"
-    return Status.ROD_NEEDED, f"{why}; {REMEDY[Status.ROD_NEEDED]}"
+    return Status.ROD_NEEDED, why
 
 
 def verdict(residual: float, guard: Status, note: str, steps_per_period: float) -> tuple[Status, str]:

@@ -82,7 +82,7 @@ def mesh_of(scene: sc.Scene, segments: int) -> tuple[np.ndarray, np.ndarray]:
     counts = np.maximum(np.round(segments * lengths / lengths.sum()).astype(int), 1)
     start = np.concatenate([[0.0], np.cumsum(lengths)])
     parts = [np.linspace(start[k], start[k + 1], counts[k] + 1) for k in range(len(counts))]
-    layers = _layers(scene)
+    layers = bending_layers(scene)
     if layers[0] > 0:
         parts[0] = _graded(parts[0], layers[0])
     if layers[1] > 0:
@@ -92,7 +92,7 @@ def mesh_of(scene: sc.Scene, segments: int) -> tuple[np.ndarray, np.ndarray]:
     return np.concatenate([[0.0], *(part[1:] for part in parts)]), section
 
 
-def _layers(scene: sc.Scene) -> tuple[float, float]:
+def bending_layers(scene: sc.Scene) -> tuple[float, float]:
     """Bending lengths sqrt(EI/T) at the ends that hold a direction, 0 elsewhere; T estimated before statics [m]."""
     found = catenary_of(scene)
     out = []
