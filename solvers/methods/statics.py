@@ -126,6 +126,7 @@ def equilibrium(packs: Sequence[Any], q: np.ndarray, reach: float, tolerance: fl
 
 
 SPIN = 1e-8
+RISE = 0.5  # of the loads: to here a step may raise the residual, as one that turns frames by much must
 CORRECTIONS = 15  # of Newton in a load step: one that needs more has jumped to another branch
 
 
@@ -172,7 +173,7 @@ def newton_relaxation(t, q, pack, load, most, tolerance, mu):
             residual(t, trial, zero, zero, pack, v)
             v += load
             new = _scaled(v, pack.unit, free)
-        if new < 1e300 and (new <= 3.0 * size or big <= 1e-3):
+        if new < 1e300 and (new <= max(3.0 * size, RISE) or big <= 1e-3):
             q[:] = trial
             r[:] = v
             refused = 0
@@ -231,6 +232,7 @@ def _newton(pack: Any, q: np.ndarray, tolerance: float) -> tuple[bool, np.ndarra
 
 def _continued(pack: Any, q: np.ndarray, tolerance: float) -> tuple[bool, np.ndarray, str]:
     load, step, size = 0.0, 0.1, math.nan
+    q = np.where(pack.weight > 0, q, step * q)  # forces and moments are in proportion
     while load < 1.0 and step > 1e-3:
         target = min(1.0, load + step)
         attempt, part = q.copy(), pack._replace(load_factor=target)
