@@ -1,8 +1,10 @@
 """Hybrid lines whose rod domains follow the motion: before the run from the static state, then window by window.
 
 A window that ends with a state which needs a rod outside the present domains is run again with larger ones; where only
-their padding is touched they grow for the next one, and domains that are no longer wanted shrink at a window's end. The energy that a change of domains adds or takes is an error of the
-choice, not of the march: it goes into the estimated error, not into the ledger's gap. The error of the choice is estimated a posteriori: one Newton step of the full rod from the hybrid's state.
+their padding is touched they grow for the next one, and domains that are no longer wanted shrink at a window's end. The
+energy that a change of domains adds or takes is an error of the choice, not of the march: it goes into the estimated
+error, not into the ledger's gap. The error of the choice is estimated a posteriori: one Newton step of the full rod
+from the hybrid's state.
 """
 
 from __future__ import annotations
@@ -123,8 +125,8 @@ def inertial_load(model: RodModel, q: np.ndarray, v: np.ndarray, a: np.ndarray) 
 def changed(
     old: RodModel, new: RodModel, t: float, q: np.ndarray, v: np.ndarray, a: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray]:
-    """The state of `old` at time t as one of `new`, in balance: under the inertia and drag that it had, frames, forces and
-    moments (and by a little the shape) settle as at rest. Otherwise each kink of a joint would ring."""
+    """The state of `old` at time t as one of `new`, in balance: under the inertia and drag that it had, frames, forces
+    and moments (and by a little the shape) settle as at rest. Otherwise each kink of a joint would ring."""
     p, w = domains.carry_over(old, new, q, v)
     trial = p.copy()
     load = inertial_load(new, p, w, _accelerations(old, new, a))
@@ -164,7 +166,7 @@ def joint_error(model: RodModel, q: np.ndarray, v: np.ndarray, a: np.ndarray) ->
     bends = np.array([model.scene.cable[k].EI > 0 for k in model.section])
     if not bends.any():
         return NOTHING_LEFT_OUT
-    ratio, length = domains.share_of_bending(model, q)
+    ratio = domains.share_of_bending(model, q)[0]
     if (ratio[bends & ~model.rod] < NEGLIGIBLE).all():  # and a rod mesh could not resolve more
         return NOTHING_LEFT_OUT
     full = RodModel(model.scene, model.asked, bends, 1.0, model.name)

@@ -292,7 +292,7 @@ def solve(scene: sc.Scene, ask: Ask) -> Response:
 
 def run(scene: sc.Scene, ask: Ask, choice: Choice) -> Response:
     """Run a scene by the model, method and mesh chosen."""
-    family = MODELS[choice.model].constrained  # whose catenaries leave bending out by themselves, and whose rods keep it
+    family = MODELS[choice.model].constrained  # its catenaries leave bending out by themselves, its rods keep it
     if needs(scene) & F.BENDING and not family and not bending_matters(scene, choice.segments):
         scene = without_bending(scene)
         choice = choice._replace(reason=f"{choice.reason}; bending left out: it cannot show at this resolution")
@@ -471,7 +471,10 @@ def marched(
 
 
 def _cost(counts: np.ndarray, seconds: float) -> Cost:
-    return Cost(*(int(counts[k]) for k in (C_STEPS, C_REJECTED, C_EVALUATIONS, C_FACTORS)), seconds)
+    steps, rejected, evaluations, factors = (
+        int(counts[k]) for k in (C_STEPS, C_REJECTED, C_EVALUATIONS, C_FACTORS)
+    )
+    return Cost(steps, rejected, evaluations, factors, seconds)
 
 
 def march(

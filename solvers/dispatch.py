@@ -60,9 +60,8 @@ def constrained(pack):
     """Whether the line has constraints, so that its acceleration alone cannot be solved for. Default: no."""
 
 
-VERBS: dict[str, Callable[..., Any]] = {
-    f.__name__: f for f in (drive, residual, tangent, accelerate, energies, gaps, factorise, backsolve, heft, constrained)
-}
+_ALL = (drive, residual, tangent, accelerate, energies, gaps, factorise, backsolve, heft, constrained)
+VERBS: dict[str, Callable[..., Any]] = {f.__name__: f for f in _ALL}
 
 KINETIC, STRAIN, GRAVITY, WATER, CABLE, DEVICE, SEABED, ROTATION, N_ENERGIES = range(9)
 

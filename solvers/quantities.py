@@ -39,5 +39,5 @@ QUANTITIES: dict[str, Quantity] = {
     "lost_cable": Quantity("J", ("time",), "energy lost to the cable's internal damping since t = 0"),
     "lost_device": Quantity("J", ("time",), "energy lost in the devices' dampers since t = 0"),
     "lost_seabed": Quantity("J", ("time",), "energy lost to seabed damping and friction since t = 0"),
-    "rotation": Quantity("J", ("time",), "energy booked for turning added mass and slide directions and by steady moments since t = 0"),
+    "rotation": Quantity("J", ("time",), "energy booked: turning added mass and slide directions, steady moments"),
 }

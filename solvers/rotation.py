@@ -116,10 +116,7 @@ def rotation_vector(c, x):
     """Rotation vector theta of the quaternion (c, x), c >= 0, of any length; and its f = theta/x."""
     size = math.sqrt(dot(x, x))
     y = size / c if c > 0.0 else 1e300
-    if y < 1e-3:
-        f = 2.0 / c * (1.0 - y * y / 3.0 + y**4 / 5.0)
-    else:
-        f = 2.0 * math.atan2(size, c) / size
+    f = 2.0 / c * (1.0 - y * y / 3.0 + y**4 / 5.0) if y < 1e-3 else 2.0 * math.atan2(size, c) / size
     return scale(f, x), f
 
 

@@ -38,5 +38,5 @@ REMEDY = {
     Status.FEW_HARMONICS: "the series is too short: raise `tolerance` or `harmonics`, or run the time domain",
     Status.UNSTABLE: "the periodic response exists but is unstable: run the time domain (`method: explicit`)",
     Status.ZERO_TENSION: "a catenary has no direction without tension: `rod` or `hybrid` have, or `lumped` for EI = 0",
-    Status.ROD_NEEDED: "bending matters outside the rods: adaptive or larger `rods`, `model: rod`, or a larger `accuracy`",
+    Status.ROD_NEEDED: "bending matters outside the rods: let `rods` adapt or widen them, `model: rod`, or accept less",
 }

@@ -132,7 +132,7 @@ CORRECTIONS = 15  # of Newton in a load step: one that needs more has jumped to 
 
 @njit(cache=True)
 def newton_relaxation(t, q, pack, load, most, tolerance, mu):
-    """F(t, q, 0, 0) + load = 0 for a line whose rows are not forces on its unknowns (`heft` is not a diagonal), q in place.
+    """F(t, q, 0, 0) + load = 0, q in place, for a line whose rows are not forces on its unknowns.
 
     Newton on F plus mu dF/da (q - q_before): for mu > 0 a step of an overdamped motion (implicit Euler with the mass of
     the line as its damper), whose mu falls with the residual until it is Newton. Rows are measured in `pack.unit`,
@@ -178,10 +178,7 @@ def newton_relaxation(t, q, pack, load, most, tolerance, mu):
             r[:] = v
             refused = 0
             stuck = stuck + 1 if new > 0.9 * size and mu == 0.0 and size > tolerance else 0
-            if size <= tolerance and mu == 0.0:
-                last = min(big, 0.5 * last)  # rounding bounds the step from below: it passes after some more
-            else:
-                last = big if mu == 0.0 else 1e300
+            last = big if mu == 0.0 and size > tolerance else 1e300 if mu > 0.0 else min(big, 0.5 * last)
             mu *= min(2.0, max(0.05, 0.5 * new / size if size > 0.0 else 0.05))
             size = new
             if mu < 1e-9 * pack.rate**2 or size <= 100.0 * tolerance:

@@ -1,8 +1,8 @@
 """Where a cable must be a rod and where a catenary will do, and what the choice costs in accuracy.
 
-Paper 001 asks that the transition come "at (or before) the earliest appearance of curvature and torsion as determined by
-an acceptably small threshold" and leaves the threshold open. Here it is the share of the load that bending and torsion
-would carry, estimated locally with the bending length lambda = sqrt(EI/T), and the moment left out:
+Paper 001 asks that the transition come "at (or before) the earliest appearance of curvature and torsion as determined
+by an acceptably small threshold" and leaves the threshold open. Here it is the share of the load that bending and
+torsion would carry, estimated locally with the bending length lambda = sqrt(EI/T), and the moment left out:
 
     (lambda kappa)^2 = EI kappa^2/T     bending against tension in a curve of curvature kappa
     Mt^2/(4 EI T)                       torsion against tension: 1 is where a long straight rod coils (Greenhill)
@@ -17,6 +17,7 @@ needs them, so that joints stay out of boundary layers. Small gaps between domai
 from __future__ import annotations
 
 import math
+from itertools import pairwise
 
 import numpy as np
 
@@ -63,13 +64,12 @@ def wanted(model: RodModel, q: np.ndarray, share: float) -> np.ndarray:
     rod = seeds.copy()
     for e in np.flatnonzero(seeds):
         rod |= np.abs(middle - middle[e]) <= PAD * length[e] + l[e]
-    for end, e in ((model.scene.end_a, 0), (model.scene.end_b, model.segments - 1)):
+    lengths = np.concatenate([[0.0], np.cumsum(l / length)])  # in bending lengths from end A
+    near, far = (lengths[1:] + lengths[:-1]) / 2, lengths[-1] - (lengths[1:] + lengths[:-1]) / 2
+    for end, distance in ((model.scene.end_a, near), (model.scene.end_b, far)):
         if end.direction is not None or end.moment is not None:
-            at = model.s[0] if e == 0 else model.s[-1]
-            layers = np.cumsum((l / length) if e == 0 else (l / length)[::-1])  # bending lengths from the end
-            reach = np.searchsorted(layers, math.log(1 / share) + PAD)
-            edge = model.s[min(reach + 1, model.segments)] if e == 0 else model.s[max(model.segments - reach - 1, 0)]
-            rod |= (middle - at) * (middle - edge) <= 0
+            rod |= distance <= math.log(1 / share) + PAD
+            rod[np.argmin(distance)] = True
     S = [model.scene.cable[k] for k in model.section]
     rod |= np.array([bool(any(x.moment) or any(x.curvature) or x.coupling) for x in S])
     rod &= np.array([x.EI > 0 for x in S])
@@ -81,7 +81,7 @@ def tidy(rod: np.ndarray, l: np.ndarray, length: np.ndarray) -> np.ndarray:
     rod = rod.copy()
     for value in (False, True):
         edges = np.flatnonzero(np.diff(np.concatenate([[-1], rod.astype(int), [-1]])) != 0)
-        for a, b in zip(edges[:-1], edges[1:], strict=True):
+        for a, b in pairwise(edges.tolist()):
             if rod[a] != value:
                 continue
             if not value and (b - a < LEAST_ELEMENTS or l[a:b].sum() < 2 * PAD * length[a:b].mean()):

@@ -8,8 +8,8 @@ middle (or at the af point of generalised-alpha in space), and spins omega = 2 I
         (9), (10)       M_k - M_j + l (D x N + Q) = l d/dt(R J R^T omega)    N_k - N_j = l (m a - F)
 
 th is the rotation vector from frame j to frame k, so a uniform helix is exact; beta makes the chord that of the arc.
-Forces and moments keep components in space, so that a hinge (12)-(14) is: the two domains share r and N, and M = 0.
-The tension T of a catenary is |N| > 0: its direction is N itself, without polar angles (4), whose singular axis is gone.
+Forces and moments keep components in space, so that a hinge (12)-(14) is: the two domains share r and N, and M = 0. The
+tension T of a catenary is |N| > 0: its direction is N itself, without polar angles (4), whose singular axis is gone.
 
 The kinematic equations C = 0 of either kind are asked as dC/dt + C/tau = 0: statics sees C = 0, the time methods see a
 velocity constraint (index 2, as (7) is), and C does not drift. For a rod dC/dt is (7) itself, with the spin's mean: the
@@ -166,7 +166,7 @@ def catenary_element(q, v, a, e, w, wd, wp, at, pack, r):
 def rod_element(q, v, a, e, w, wd, wp, at, pack, r):
     """Eqs. (7)-(10)."""
     l, give = pack.l[e], pack.give
-    p, sign = middle(q, e, w, pack)
+    p = middle(q, e, w, pack)[0]
     d1, d2, d3 = frame(p)
     c, x = relative(state4(q, e, pack), state4(q, e + 1, pack))
     th = rotation_vector(c, x)[0]
@@ -736,9 +736,7 @@ def energies(t, q, v, a, pack, e):
                 spring = l * pack.bed_width[k] * pack.bed[1] * depth
                 square = u[0] * u[0] + u[1] * u[1]
                 e[STRAIN] += 0.5 * spring * depth
-                e[SEABED] += (spring - push) * u[2] + pack.bed[3] * push * square / math.sqrt(
-                    square + pack.bed[4] ** 2
-                )
+                e[SEABED] += (spring - push) * u[2] + pack.bed[3] * push * square / math.sqrt(square + pack.bed[4] ** 2)
         N = between(q, pack.N, k, 0.5, pack.axes)
         if not pack.rod[k]:
             T = math.sqrt(dot(N, N))

@@ -61,8 +61,8 @@ class RodModel:
         self.pack: Rod = discretise(scene, self.s, self.section, self.rod, rho)
         self.static_pack = self.pack
         if scene.start.kind == "released":
-            held = {k: self._held(getattr(scene, k)) for k in ("end_a", "end_b")}
-            self.static_pack = discretise(replace(scene, **held), self.s, self.section, self.rod, rho)
+            held = replace(scene, end_a=self._held(scene.end_a), end_b=self._held(scene.end_b))
+            self.static_pack = discretise(held, self.s, self.section, self.rod, rho)
         self.ndof = len(self.pack.weight)
 
     def _turning(self) -> set[float]:
@@ -73,8 +73,7 @@ class RodModel:
     def _held(end: sc.End) -> sc.End:
         if end.kind != "free" or end.position is None:
             return end
-        kind = "pinned" if end.direction is None else "clamped"
-        return replace(end, kind=kind, force=None)
+        return replace(end, kind="pinned" if end.direction is None else "clamped", force=None)
 
     def _refuse(self) -> None:
         scene, wrong = self.scene, []
@@ -90,9 +89,13 @@ class RodModel:
             wrong.append("devices: use `lumped`")
         for name, end, near in (("end_a", scene.end_a, self.rod[0]), ("end_b", scene.end_b, self.rod[-1])):
             if not near and (end.direction is not None or end.moment is not None):
-                wrong.append(f"{name} holds a direction or takes a moment, which a catenary cannot: make it a rod there")
+                wrong.append(
+                    f"{name} holds a direction or takes a moment, which a catenary cannot: make it a rod there"
+                )
         if self.twisted(scene) and not self.rod.all():
-            wrong.append("the ends twist the cable, and a catenary or a moment-free joint passes on no torque: use `rod`")
+            wrong.append(
+                "the ends twist the cable, and a catenary or a moment-free joint passes on no torque: use `rod`"
+            )
         if wrong:
             raise CannotRepresent(f"{self.name}: " + "; ".join(wrong))
 
@@ -126,7 +129,11 @@ class RodModel:
 
     def _straight(self) -> np.ndarray:
         a, b, s = self.scene.end_a, self.scene.end_b, self.s[:, None]
-        if a.position is not None and b.position is not None and (b.kind != "free" or self.scene.start.kind != "static"):
+        if (
+            a.position is not None
+            and b.position is not None
+            and (b.kind != "free" or self.scene.start.kind != "static")
+        ):
             pa, pb = np.array(a.position), np.array(b.position)
             return pa + (pb - pa) * s / self.s[-1]
         from_a = a.kind != "free" or b.kind == "free"
@@ -139,7 +146,7 @@ class RodModel:
         return np.array(held.position) + along * (s if from_a else s - self.s[-1])
 
     def _bowed(self) -> np.ndarray | None:
-        """An arc of the cable's length between two held ends that are nearer, sagging: what bending alone would make."""
+        """An arc of the cable's length between two held ends that are nearer: about what bending alone would make."""
         a, b = self.scene.end_a, self.scene.end_b
         if not self.rod.all() or a.position is None or b.position is None or len(self.static_pack.held) < 2:
             return None
@@ -210,7 +217,7 @@ class RodModel:
         return N
 
     def frames(self, q: np.ndarray, shape: np.ndarray) -> None:
-        """Frames of all rod nodes in q: transported along the shape, the twist between two guided ends spread evenly."""
+        """Frames of all rod nodes in q: transported along the shape, the twist of two guided ends spread evenly."""
         pack = self.pack
         chord = np.diff(shape, axis=0)
         size = np.linalg.norm(chord, axis=1)
@@ -285,8 +292,8 @@ class RodModel:
     def fields(self, q: np.ndarray) -> dict[str, np.ndarray]:
         """Internal forces, moments and curvatures at the nodes, for samples q (nt, ndof).
 
-        force, moment (nt, n, 3) in space; tension, shear, torque, curvature, twist (nt, n). In a catenary domain moment,
-        shear, torque and twist are 0 and the curvature is that of the polyline.
+        force, moment (nt, n, 3) in space; tension, shear, torque, curvature, twist (nt, n). In a catenary domain the
+        moment, shear, torque and twist are 0 and the curvature is that of the polyline.
         """
         pack = self.pack
         force, moment = self._nodal(q, pack.N), np.nan_to_num(self._nodal(q, pack.M))
@@ -336,9 +343,7 @@ class RodModel:
         chord = np.concatenate([x[1:2] - x[:1], x[2:] - x[:-2], x[-1:] - x[-2:-1]])
         return chord / np.linalg.norm(chord, axis=1)[:, None]
 
-    def observe(
-        self, q: np.ndarray, v: np.ndarray, force: np.ndarray, static: np.ndarray
-    ) -> dict[str, np.ndarray]:
+    def observe(self, q: np.ndarray, v: np.ndarray, force: np.ndarray, static: np.ndarray) -> dict[str, np.ndarray]:
         """Signals of samples q, v (nt, ndof) with forces at the prescribed dofs (nt, nfixed)."""
         pack, nt = self.pack, len(q)
         rest = self._nodal(static, pack.r)
@@ -423,7 +428,7 @@ class RodModel:
             square = 2 * inertia / (math.sqrt(T * T + 4 * EI * inertia) + T)
             nodes = min(nodes, 2 * math.pi / math.sqrt(square) / l[e])
         p = self._nodal(static, self.pack.p, 4)
-        for e in np.flatnonzero(self.rod):
+        for e in np.flatnonzero(self.rod).tolist():
             a, b = p[e] / np.linalg.norm(p[e]), p[e + 1] / np.linalg.norm(p[e + 1])
             turn = 2 * math.acos(min(1.0, abs(float(a @ b))))
             if turn > LARGEST_TURN:
@@ -479,4 +484,3 @@ def build_catenary(scene: sc.Scene, segments: int, ask: Ask | None = None) -> Ro
 
 def _rho(ask: Ask | None) -> float:
     return 1.0 if ask is None else ask.rho_space
-

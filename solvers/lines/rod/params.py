@@ -189,7 +189,7 @@ class Layout(NamedTuple):
 
 
 def lay_out(rod: np.ndarray, two_step: bool) -> Layout:
-    """Numbers of unknowns and rows for elements of kind `rod` (m,); `two_step`: an element also reads the one before."""
+    """Numbers of unknowns and rows for elements of kind `rod` (m,); `two_step`: they also read the one before."""
     m = len(rod)
     n = m + 1
     bends = np.zeros(n, dtype=bool)
@@ -284,7 +284,9 @@ def discretise(scene: sc.Scene, s: np.ndarray, section: np.ndarray, rod: np.ndar
     ends = (scene.end_a, scene.end_b)
     held = [k for k, end in zip((0, n - 1), ends, strict=True) if end.kind != "free"]
     guided = [k for k, end in zip((0, n - 1), ends, strict=True) if not end.turns and lay.at["p"][k] >= 0]
-    fixed = [lay.at["r"][k] + m for k in held for m in range(3)] + [lay.at["p"][k] + m for k in guided for m in range(4)]
+    fixed = [lay.at["r"][k] + m for k in held for m in range(3)] + [
+        lay.at["p"][k] + m for k in guided for m in range(4)
+    ]
     by_node = dict(zip((0, n - 1), ends, strict=True))
     total = float(scene.length)
     pull = [float(np.linalg.norm(end.force)) for end in ends if end.force]
@@ -333,7 +335,8 @@ def discretise(scene: sc.Scene, s: np.ndarray, section: np.ndarray, rod: np.ndar
 
     return Rod(
         axes=(0.0, 0.0, 0.0), bw=lay.bw, load_factor=1.0, rate=1.0 / tau, space=spatial(rho), fixed=ints(fixed),
-        weight=weight, unit=unit, size=size, first=ints(lay.first), low=ints(lay.low), high=ints(lay.high), clear=read_by_factors(lay.low, lay.high),
+        weight=weight, unit=unit, size=size, first=ints(lay.first), low=ints(lay.low), high=ints(lay.high),
+        clear=read_by_factors(lay.low, lay.high),
         order=np.zeros(ndof, dtype=np.int64), end=np.zeros(ndof, dtype=np.int64), largest=np.zeros(ndof),
         r=lay.at["r"], p=lay.at["p"], N=lay.at["N"], M=lay.at["M"], row=lay.row, frame_row=lay.frame_row,
         hinge=lay.hinge, rod=np.array(rod, dtype=bool), head=np.array(lay.head, dtype=bool), l=floats(l),
@@ -344,6 +347,6 @@ def discretise(scene: sc.Scene, s: np.ndarray, section: np.ndarray, rod: np.ndar
         end_moment=floats([end.moment or (0, 0, 0) for end in ends]), held=ints(held),
         motion=motion_pack([by_node[k] for k in held], np.eye(3)), guided=ints(guided),
         home=floats([end_frame(by_node[k].direction) for k in guided], len(guided), 4),
-        twist=motion_pack([_twist(by_node[k]) for k in guided], np.eye(3)),  # type: ignore[arg-type]
+        twist=motion_pack([_twist(by_node[k]) for k in guided], np.eye(3)),  # type: ignore[misc]
         least=np.full(1, np.inf), m3=np.zeros((16, 3, 3)), m34=np.zeros((16, 3, 4)),
     )  # fmt: skip
