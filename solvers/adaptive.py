@@ -130,7 +130,7 @@ def changed(
     p, w = domains.carry_over(old, new, q, v)
     trial = p.copy()
     load = inertial_load(new, p, w, _accelerations(old, new, a))
-    failed, _, _ = statics.newton_relaxation(t, trial, new.pack, load, 40, 1e-8, 0.0)
+    failed, _, _ = statics.newton_relaxation(t, trial, new.pack, load, 40, 1e-8, 0.0, 0.0)
     if failed:
         return p, w
     new.spin_along(trial, w)

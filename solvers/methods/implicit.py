@@ -166,7 +166,9 @@ def newton(t, dq, dv, da, pack, w, most, small, floor, counts, fresh):
 
 @kernel
 def generalised_alpha(pack, s, out, w, pieces, h, rho, floor, max_steps):
-    """March at fixed step h, halved for once where Newton fails. Row 0 of s.q, s.v holds the start. Returns a status.
+    """March at fixed step h, halved for once where constraints fail to converge. Returns a status.
+
+    Row 0 of s.q, s.v holds the start.
 
     y_{n+1} = y_n + h ((1 - g) y'_n + g y'_{n+1}) for q and v; q' at n + am equals v at n + af, and F = 0 is asked at
     (q, v at n + af; v' at n + am), with am = (3 - rho)/(2 (1 + rho)), af = 1/(1 + rho), g = 1/2 + am - af.
@@ -220,7 +222,9 @@ def generalised_alpha(pack, s, out, w, pieces, h, rho, floor, max_steps):
             for i in range(n):  # no Newton step can be smaller than what rounding makes of q
                 small += 0.5 * pack.weight[i] * (dv * ROUNDING * s.q[0, i]) ** 2
             if newton(tf, dq, dv, da, pack, w, 25, small, floor, out.counts, True) == 0:
-                share *= 0.5  # contact may cycle at one step and not at another
+                if not rigid:
+                    return NO_CONVERGENCE
+                share *= 0.5  # of a constrained line: contact may cycle at one step and not at another
                 out.counts[C_REJECTED] += 1
                 if share < LEAST_SHARE:
                     return NO_CONVERGENCE

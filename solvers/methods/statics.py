@@ -131,12 +131,13 @@ CORRECTIONS = 15  # of Newton in a load step: one that needs more has jumped to 
 
 
 @njit(cache=True)
-def newton_relaxation(t, q, pack, load, most, tolerance, mu):
+def newton_relaxation(t, q, pack, load, most, tolerance, mu, rise):
     """F(t, q, 0, 0) + load = 0, q in place, for a line whose rows are not forces on its unknowns.
 
     Newton on F plus mu dF/da (q - q_before): for mu > 0 a step of an overdamped motion (implicit Euler with the mass of
     the line as its damper), whose mu falls with the residual until it is Newton. Rows are measured in `pack.unit`,
-    steps in `pack.size`. Returns (0 when converged, iterations, largest scaled residual).
+    steps in `pack.size`. A step may raise the residual threefold, or up to `rise`. Returns (0 when converged,
+    iterations, largest scaled residual).
     """
     n = len(q)
     zero, a, v, r = np.zeros(n), np.zeros(n), np.zeros(n), np.zeros(n)
@@ -173,7 +174,7 @@ def newton_relaxation(t, q, pack, load, most, tolerance, mu):
             residual(t, trial, zero, zero, pack, v)
             v += load
             new = _scaled(v, pack.unit, free)
-        if new < 1e300 and (new <= max(3.0 * size, RISE) or big <= 1e-3):
+        if new < 1e300 and (new <= max(3.0 * size, rise) or big <= 1e-3):
             q[:] = trial
             r[:] = v
             refused = 0
@@ -210,30 +211,31 @@ def balance(pack: Any, starts: Sequence[np.ndarray], tolerance: float = 1e-10) -
     for every share of its load, follows the branch that grows from the unloaded one. A line held at both ends has its
     shape from the start, where Newton comes first. All three ways are exact where they converge.
     """
-    ways = [_newton, _continued, _relaxed]
+    ways = [(way, rise) for rise in (0.0, RISE) for way in (_newton, _continued, _relaxed)]
     if len(pack.held) < 2:
-        ways = [_continued, _newton, _relaxed]
+        ways = [(_continued, RISE), (_newton, RISE), (_relaxed, RISE)]
     status, q, note = Status.NO_STATIC, np.array(starts[0]), ""
-    for way in ways:
+    for way, rise in ways:
         for start in starts:
-            ok, q, note = way(pack, np.array(start), tolerance)
+            ok, q, note = way(pack, np.array(start), tolerance, rise)
             if ok:
                 return Status.OK, q, note
     return status, q, note
 
 
-def _newton(pack: Any, q: np.ndarray, tolerance: float) -> tuple[bool, np.ndarray, str]:
-    failed, iterations, size = newton_relaxation(0.0, q, pack, np.zeros(len(q)), 60, tolerance, 0.0)
+def _newton(pack: Any, q: np.ndarray, tolerance: float, rise: float) -> tuple[bool, np.ndarray, str]:
+    failed, iterations, size = newton_relaxation(0.0, q, pack, np.zeros(len(q)), 60, tolerance, 0.0, rise)
     return not failed, q, f"{iterations} iterations, residual {size:.1e} of the loads"
 
 
-def _continued(pack: Any, q: np.ndarray, tolerance: float) -> tuple[bool, np.ndarray, str]:
+def _continued(pack: Any, q: np.ndarray, tolerance: float, rise: float) -> tuple[bool, np.ndarray, str]:
     load, step, size = 0.0, 0.1, math.nan
-    q = np.where(pack.weight > 0, q, step * q)  # forces and moments are in proportion
+    if len(pack.held) < 2:  # forces and moments are in proportion
+        q = np.where(pack.weight > 0, q, step * q)
     while load < 1.0 and step > 1e-3:
         target = min(1.0, load + step)
         attempt, part = q.copy(), pack._replace(load_factor=target)
-        failed, _, size = newton_relaxation(0.0, attempt, part, np.zeros(len(q)), CORRECTIONS, tolerance, 0.0)
+        failed, _, size = newton_relaxation(0.0, attempt, part, np.zeros(len(q)), CORRECTIONS, tolerance, 0.0, rise)
         if failed:
             step *= 0.5
         else:
@@ -241,7 +243,7 @@ def _continued(pack: Any, q: np.ndarray, tolerance: float) -> tuple[bool, np.nda
     return load >= 1.0, q, "reached by load continuation" if load >= 1.0 else f"residual {size:.1e} of the loads"
 
 
-def _relaxed(pack: Any, q: np.ndarray, tolerance: float) -> tuple[bool, np.ndarray, str]:
+def _relaxed(pack: Any, q: np.ndarray, tolerance: float, rise: float) -> tuple[bool, np.ndarray, str]:
     start = float(pack.rate) ** 2
-    failed, iterations, size = newton_relaxation(0.0, q, pack, np.zeros(len(q)), 3000, tolerance, start)
+    failed, iterations, size = newton_relaxation(0.0, q, pack, np.zeros(len(q)), 3000, tolerance, start, rise)
     return not failed, q, f"relaxed in {iterations} steps, residual {size:.1e} of the loads"
