@@ -29,8 +29,11 @@ NAN = float("nan")
 LOSSES = ("device", "water", "cable", "seabed")
 LEDGER = ("kinetic", "strain", "gravity", "work", *(f"lost_{name}" for name in LOSSES), "rotation")
 FINISHED = frozenset(
-    {Status.OK, Status.UNRESOLVED, Status.COARSE_STEP, Status.ENERGY_OPEN, Status.FEW_HARMONICS, Status.UNSTABLE}
-)
+    {
+        Status.OK, Status.UNRESOLVED, Status.COARSE_STEP, Status.ENERGY_OPEN, Status.FEW_HARMONICS, Status.UNSTABLE,
+        Status.ROD_NEEDED,
+    }
+)  # fmt: skip
 
 
 NOTHING = np.zeros(0)

@@ -30,7 +30,9 @@ from .space import designs
 
 SYNC_ROWS = 20
 SYNC_SECONDS = 1.0
-UNTRUSTED = frozenset({"UNRESOLVED", "COARSE_STEP", "ENERGY_OPEN", "FEW_HARMONICS", "UNSTABLE"})  # metrics, no trust
+UNTRUSTED = frozenset(  # metrics, no trust
+    {"UNRESOLVED", "COARSE_STEP", "ENERGY_OPEN", "FEW_HARMONICS", "UNSTABLE", "ROD_NEEDED"}
+)
 
 log = logging.getLogger(__name__)
 

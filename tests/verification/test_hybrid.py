@@ -1,4 +1,4 @@
-"""Hybrids whose rod domains follow the motion, and a cable that pops into a loop: configs/touchdown.yaml and hockle.yaml
+"""Hybrids whose domains follow the motion, and a cable that pops into a loop: configs/touchdown.yaml and hockle.yaml
 on coarser meshes."""
 
 from __future__ import annotations
@@ -60,7 +60,7 @@ def error(name: str) -> float:
 
 
 def test_domains_follow_the_motion_within_the_accuracy_asked() -> None:
-    """The issue's bar: at most 1 % in tension, moment and shape, at every sample and node, with less than half a rod."""
+    """At most 1 % in tension, moment and shape, at every sample and node, with less than half a rod."""
     run = jumper("hybrid")
     assert run.status == Status.OK, run.message
     assert run.signals["domain"].mean() < 0.5
