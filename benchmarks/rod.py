@@ -420,9 +420,8 @@ def following(options: argparse.Namespace) -> None:
     )
     head(
         "method", "rod: solve, s", "rod: march, s", "hybrid: solve, s", "hybrid: march, s", "ratio of solve",
-        "ratio of march",
-        "ratio of solve in processor time", "mean share of rod", "changes", "error of tension", "of moment", "of shape", "estimated",
-        "steps: rod, hybrid", "iterations", "tangents", "status: rod, hybrid",
+        "ratio of march", "ratio of solve in processor time", "mean share of rod", "changes", "error of tension",
+        "of moment", "of shape", "estimated", "steps: rod, hybrid", "iterations", "tangents", "status: rod, hybrid",
     )  # fmt: skip
     for how in ({"method": "genalpha", "step": 0.01, "rho": RHO}, {"method": "trbdf2"}):
         ask = Ask(accuracy=ACCURACY, segments=400, duration=40.0, interval=0.1, **how)
