@@ -14,8 +14,9 @@ Prints Markdown tables:
 7. the order in the step and in the element, on a rod moved and twisted smoothly in space.
 
 Seconds are processor time but for those of table 5, which says which, compilation excluded, the least of several
-repeats; what is compared takes turns, so that a busy machine slows both. Iterations are those of Newton's method; each is one residual and one solution. A table whose
-scene is not there is skipped with a sentence. `--out` also draws tables 4 and 6.
+repeats; what is compared takes turns, so that a busy machine slows both. Iterations are those of Newton's method; each
+is one residual and one solution. A table whose scene is not there is skipped with a sentence. `--out` also draws
+tables 4 and 6.
 """
 
 # ruff: noqa: E402 (threads are set before numpy is imported)
@@ -414,12 +415,13 @@ def following(options: argparse.Namespace) -> None:
     print(
         "5. Line from a clamp over the bed to a moving end (configs/touchdown.yaml), 400 elements, 40 s, accuracy 1 %: "
         "the hybrid's domains follow the motion. Errors over all times and nodes against the pure rod, over its "
-        "largest tension, moment and departure from the chord. Wall-clock seconds of the call of solve and of its march.\n"
+        "largest tension, moment and departure from the chord. Wall-clock seconds of the call of solve and of its "
+        "march.\n"
     )
     head(
         "method", "rod: solve, s", "rod: march, s", "hybrid: solve, s", "hybrid: march, s", "ratio of solve",
-        "ratio of march", "ratio of solve in processor time", "mean share of rod", "changes", "error of tension", "of moment", "of shape", "estimated",
-        "steps: rod, hybrid", "iterations", "tangents", "status: rod, hybrid",
+        "ratio of march", "ratio of solve in processor time", "mean share of rod", "changes", "error of tension",
+        "of moment", "of shape", "estimated", "steps: rod, hybrid", "iterations", "tangents", "status: rod, hybrid",
     )  # fmt: skip
     for how in ({"method": "genalpha", "step": 0.01, "rho": RHO}, {"method": "trbdf2"}):
         ask = Ask(accuracy=ACCURACY, segments=400, duration=40.0, interval=0.1, **how)
@@ -612,7 +614,7 @@ def draw_snaps(
                 if at:
                     x, y = np.array(at).T
                     ax.semilogx(x, y, color=colour, marker=mark, linestyle="none", label=f"{method}, mean step")
-            ax.set_title("catenary (and rod): box scheme in s" if line == "catenary" else "lumped masses")
+            ax.set_title("catenary: box scheme in s" if line == "catenary" else "lumped masses")
             ax.set_xticks((0.02, 0.1, 0.5, 1, 2, 5), ["0.02", "0.1", "0.5", "1", "2", "5"])
             ax.set_xlim(0.015, 6.5)
             ax.minorticks_off()
