@@ -34,6 +34,7 @@ from .march import (
     record,
 )
 
+MASSLESS = 1e-200  # weights of constraint forces are below
 LEAST_SHARE = 1.0 / 64.0  # of a fixed step, where Newton fails at the whole one
 ROUNDING = 1e-14  # some 50 units in the last place
 OK, DIVERGED, NO_CONVERGENCE = int(Status.OK), int(Status.DIVERGED), int(Status.NO_CONVERGENCE)
@@ -109,7 +110,7 @@ def launch(t, h, s, pack, w, floor, counts):
         for i in range(len(q)):
             if step == 1:
                 s.v[0, i], s.a[0, i] = w.v[i], w.a[i]
-                if pack.weight[i] == 0.0:
+                if pack.weight[i] < MASSLESS:
                     s.q[0, i] = w.q[i]
             q[i], v[i] = w.q[i], w.v[i]
     t -= 2.0 * h

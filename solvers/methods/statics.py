@@ -231,7 +231,7 @@ def _newton(pack: Any, q: np.ndarray, tolerance: float, rise: float) -> tuple[bo
 def _continued(pack: Any, q: np.ndarray, tolerance: float, rise: float) -> tuple[bool, np.ndarray, str]:
     load, step, size = 0.0, 0.1, math.nan
     if len(pack.held) < 2:  # forces and moments are in proportion
-        q = np.where(pack.weight > 0, q, step * q)
+        q = np.where(pack.weight > 1e-200, q, step * q)
     while load < 1.0 and step > 1e-3:
         target = min(1.0, load + step)
         attempt, part = q.copy(), pack._replace(load_factor=target)

@@ -11,6 +11,7 @@ from ... import scene as sc
 from ...catenary import catenary_of
 from ...motion import MotionPack, motion_pack
 
+GUIDED = 1e-300  # a weight without weight: see `Rod.weight`
 PER_LAYER, GROWTH = 4.0, 1.25  # elements in a bending length at a clamp, and the ratio of their lengths
 ROD, CATENARY = 12, 6  # equations of an element: the order of each system in s
 
@@ -29,7 +30,7 @@ class Rod(NamedTuple):
     rate: float  # 1/tau of the constraints' return [1/s]
     space: tuple[float, float, float]  # am, af, g of generalised-alpha in space
     fixed: np.ndarray  # prescribed dofs
-    weight: np.ndarray  # (ndof,) inertia that weighs errors of velocity
+    weight: np.ndarray  # (ndof,) inertia that weighs errors of velocity; 0 where a rate may alternate and guides nobody
     unit: np.ndarray  # (ndof,) typical size of each row
     size: np.ndarray  # (ndof,) typical size of each unknown
     first: np.ndarray  # (ndof,) extents of the matrix: see banded.factor_pivoting
@@ -304,6 +305,8 @@ def discretise(scene: sc.Scene, s: np.ndarray, section: np.ndarray, rod: np.ndar
         r, p, N, M = (lay.at[k][i] for k in "rpNM")
         weight[r : r + 3] = (mass[e] + mn[e]) * each[i]
         size[r : r + 3], size[N : N + 3] = total, force
+        if not (rod[e] and rod[max(i - 1, 0)]):
+            weight[N : N + 3] = GUIDED  # a catenary's force has a rate of its own
         if p >= 0:
             weight[p : p + 4] = 4 * inertia[e].mean() * each[i]
             size[M : M + 3] = force * total
