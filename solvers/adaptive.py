@@ -52,17 +52,20 @@ def build(scene: sc.Scene, segments: int, ask: Ask | None = None) -> RodModel:
     ask = ask or Ask(model="hybrid")
     rod: Any = ask.rods
     if rod is None:
-        blank = RodModel(scene, segments, np.ones(_count(scene, segments), bool), ask.rho_space, "hybrid")
-        middle = (blank.s[1:] + blank.s[:-1]) / 2 / blank.s[-1]
-        bends = np.array([scene.cable[k].EI > 0 for k in blank.section])
+        s, section = mesh_of(scene, segments)
+        middle = (s[1:] + s[:-1]) / 2 / s[-1]
+        bends = np.array([scene.cable[k].EI > 0 for k in section])
         edge = [(x, end) for x, end in ((middle, scene.end_a), (1 - middle, scene.end_b))]
         rod = np.any([(x < 0.2) & bool(end.direction or end.moment) for x, end in edge], axis=0) & bends
         rod |= np.full(len(middle), RodModel.twisted(scene))
+        own = [bool(any(x.curvature) or any(x.moment) or x.coupling) for x in scene.cable]
+        rod |= np.array([own[k] for k in section])
     return _model(scene, segments, ask, rod)
 
 
-def _count(scene: sc.Scene, segments: int) -> int:
-    return len(mesh_of(scene, segments)[1])
+def _bends(model: RodModel) -> np.ndarray:
+    """(m,) bool: where the cable has bending stiffness and may be a rod."""
+    return np.array([model.scene.cable[k].EI > 0 for k in model.section])
 
 
 class Rest(NamedTuple):
@@ -79,7 +82,7 @@ def at_rest(model: RodModel, ask: Ask) -> Rest:
     status, q, note = statics.balance(model.static_pack, model.starts())
     share = SHARE * ask.accuracy
     if status != Status.OK or model.validity(model.observe(*_still(model, q)))[0] != Status.OK:
-        full = _model(model.scene, model.asked, ask, np.ones(model.segments, dtype=bool))
+        full = _model(model.scene, model.asked, ask, _bends(model))
         status, q, note = statics.balance(full.static_pack, full.starts())
         if status != Status.OK:
             return Rest(status, full, q, note)
@@ -94,7 +97,7 @@ def at_rest(model: RodModel, ask: Ask) -> Rest:
         guess = domains.carry_over(model, other, q, np.zeros(model.ndof))[0]
         status, q, note = statics.balance(other.static_pack, [guess, *other.starts()])
         if status != Status.OK:
-            other = _model(model.scene, model.asked, ask, np.ones(model.segments, dtype=bool))
+            other = _model(model.scene, model.asked, ask, _bends(model))
             status, q, note = statics.balance(other.static_pack, other.starts())
             return Rest(status, other, q, note)
         model = other
@@ -158,12 +161,13 @@ def worse(one: Estimate, other: Estimate) -> Estimate:
     return Estimate(*map(max, zip(one, other, strict=True)))
 
 
-def joint_error(model: RodModel, q: np.ndarray, v: np.ndarray, a: np.ndarray) -> Estimate:
+def joint_error(model: RodModel, q: np.ndarray, v: np.ndarray, a: np.ndarray, held: bool = False) -> Estimate:
     """What neglecting bending and the moment-free joints cost: the first Newton step of the full rod from this state,
-    with its inertia and drag as they are."""
+    with its inertia and drag as they are; `held`: a released end is still held. Where nothing is a rod nobody asks for
+    moments, and only shape and tension count."""
     if model.rod.all():
         return NOTHING_LEFT_OUT
-    bends = np.array([model.scene.cable[k].EI > 0 for k in model.section])
+    bends = _bends(model)
     if not bends.any():
         return NOTHING_LEFT_OUT
     ratio = domains.share_of_bending(model, q)[0]
@@ -172,7 +176,7 @@ def joint_error(model: RodModel, q: np.ndarray, v: np.ndarray, a: np.ndarray) ->
     full = RodModel(model.scene, model.asked, bends, 1.0, model.name)
     x, w = domains.carry_over(model, full, q, v)
     acc = _accelerations(model, full, a)
-    pack, zero = full.pack, np.zeros(full.ndof)
+    pack, zero = full.static_pack if held else full.pack, np.zeros(full.ndof)
     r = np.zeros(full.ndof)
     call_residual(0.0, x, zero, zero, pack, r)
     r += inertial_load(full, x, w, acc)
@@ -196,7 +200,7 @@ def joint_error(model: RodModel, q: np.ndarray, v: np.ndarray, a: np.ndarray) ->
         return float(np.abs(after[name] - before[name]).max() / scale) if scale > 0 else 0.0
 
     moved = float(np.abs(full._nodal(step, pack.r)).max() / sag)
-    return Estimate(moved, change("tension"), change("moment"))
+    return Estimate(moved, change("tension"), change("moment") if model.rod.any() else 0.0)
 
 
 class Followed(NamedTuple):
@@ -253,7 +257,7 @@ def follow(
             compiling += time.perf_counter() - since - spent
             if attempt == 5 or (code == 0 and not domains.outside(model, s.q[0], SHARE * ask.accuracy)):
                 break
-            wish = domains.wanted(model, s.q[0], SHARE * ask.accuracy) if code == 0 else np.ones(model.segments, bool)
+            wish = domains.wanted(model, s.q[0], SHARE * ask.accuracy) if code == 0 else _bends(model)
             rod = domains.tidy(wish | model.rod, np.diff(model.s), domains.share_of_bending(model, q)[1])
             if np.array_equal(rod, model.rod):
                 break

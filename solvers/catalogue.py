@@ -150,7 +150,9 @@ def bending_matters(scene: sc.Scene, segments: int) -> bool:
 
 def without_bending(scene: sc.Scene) -> sc.Scene:
     """The scene with EI = 0; what carried compression still does."""
-    cable = tuple(replace(s, EI=0.0, BI=0.0, compression=s.carries_compression) for s in scene.cable)
+    flat: dict[str, Any] = {
+        "EI": 0.0, "BI": 0.0, "EI2": None, "GJ": None, "coupling": 0.0, "curvature": (0.0, 0.0, 0.0)}
+    cable = tuple(replace(s, compression=s.carries_compression, **flat) for s in scene.cable)
     return replace(scene, cable=cable)
 
 
@@ -330,12 +332,17 @@ def run(scene: sc.Scene, ask: Ask, choice: Choice) -> Response:
     _in_range(choice.model, model.drift_error(static), "the drift in the current", ask)
     joints = adaptive.NOTHING_LEFT_OUT
     if line.constrained and scene.start.kind != "given":
-        joints = adaptive.joint_error(model, static, np.zeros(model.ndof), np.zeros(model.ndof))
+        joints = adaptive.joint_error(model, static, np.zeros(model.ndof), np.zeros(model.ndof), held=True)
     if periodic:
         return settle(model, ask, static, common)
     if ask.perturbation > 0:
-        draw = np.random.default_rng(ask.seed)
-        v += ask.perturbation * draw.standard_normal(len(v))
+        shake = ask.perturbation * np.random.default_rng(ask.seed).standard_normal(len(v))
+        if line.constrained:  # of the nodes; frames and forces follow
+            moved = model.pack.r[:, None] + np.arange(3)
+            v[moved] += shake[moved]
+            model.spin_along(q, v)
+        else:
+            v += shake
     return march(model, ask, choice, static, q, v, common, joints)
 
 
@@ -501,7 +508,9 @@ def march(
         code, done, residual, ledger = run.status, run.done, run.residual, run.ledger
         cost = _cost(run.counts, run.seconds)
         signals = adaptive.joined(run.signals)
-        valid, why = (code, note) if code == Status.ZERO_TENSION else (Status.OK, "")
+        lost = code == Status.ZERO_TENSION
+        when = f"at t = {grid[done - 1]:.6g} s" if done else f"before t = {grid[0]:.6g} s"
+        valid, why = (code, f"a catenary domain lost its tension {when}") if lost else (Status.OK, "")
         joints = adaptive.worse(joints, run.error)
         common["reason"] = f"{common['reason']}; {run.share:.0%} rod on average, {run.changes} changes of domains"
         zero = _static_energy(model, static)
@@ -575,8 +584,8 @@ def _at_rest(
     """The static state alone, as a Response with one sample."""
     guard, note, nodes = model.guards(static)
     if guard == Status.OK:
-        guard, note = model.validity({"tension": model.observe(*_still(model, static))["tension"]})
-        guard, note = (guard, note) if guard != Status.OK else _enough_rod(joints, ask, note)
+        guard, why = model.validity({"tension": model.observe(*_still(model, static))["tension"]})
+        guard, note = (guard, why) if guard != Status.OK else _enough_rod(joints, ask, note)
     common["estimated_error"] = float(np.nanmax([common["estimated_error"], joints.worst]))
     zero, r = np.zeros(len(static)), np.zeros(len(static))
     call_residual(0.0, static, zero, zero, model.pack, r)

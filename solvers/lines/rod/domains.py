@@ -73,7 +73,7 @@ def wanted(model: RodModel, q: np.ndarray, share: float) -> np.ndarray:
     S = [model.scene.cable[k] for k in model.section]
     rod |= np.array([bool(any(x.moment) or any(x.curvature) or x.coupling) for x in S])
     rod &= np.array([x.EI > 0 for x in S])
-    return tidy(rod, l, length)
+    return tidy(rod, l, length) & np.array([x.EI > 0 for x in S])
 
 
 def tidy(rod: np.ndarray, l: np.ndarray, length: np.ndarray) -> np.ndarray:

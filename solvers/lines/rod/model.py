@@ -51,6 +51,9 @@ class RodModel:
         self.s, self.section = mesh_of(scene, segments)
         middle = (self.s[1:] + self.s[:-1]) / 2
         if len(rod) and np.ndim(rod[0]) == 1:
+            beyond = [pair for pair in rod if not 0 <= pair[0] < pair[1] <= self.s[-1] * (1 + 1e-9)]
+            if beyond:
+                raise CannotRepresent(f"{name}: rods {beyond} are off the cable (0 to {self.s[-1]:g} m)")
             rod = np.any([(a <= middle) & (middle <= b) for a, b in rod], axis=0)
         self.rod = np.array(rod, dtype=bool) if len(rod) else np.zeros(len(middle), dtype=bool)
         self.segments, self.nodes = len(self.s) - 1, len(self.s)
@@ -81,6 +84,8 @@ class RodModel:
             if x.BA > 0 or x.BI > 0:
                 wrong.append(f"cable[{k}] has internal damping (BA, BI): use `lumped`, or numerical damping (rho < 1)")
             here = self.rod[self.section == k]
+            if here.any() and x.EI > 0 and not x.carries_compression:
+                wrong.append(f"cable[{k}] carries no compression, which a rod does: `compression: true`, or `lumped`")
             if here.any() and x.EI == 0:
                 wrong.append(f"cable[{k}] has EI = 0: a rod needs bending stiffness; `catenary` does without")
             if not here.all() and (any(x.curvature) or any(x.moment) or x.coupling):
@@ -101,7 +106,7 @@ class RodModel:
 
     @staticmethod
     def twisted(scene: sc.Scene) -> bool:
-        """Whether torque can reach the cable's inside: an end is turned, or both ends hold a frame."""
+        """Whether torque reaches the cable's inside: an end is turned about its direction."""
         ends = (scene.end_a, scene.end_b)
         return any(end.twist != 0.0 for end in ends)
 
@@ -247,9 +252,10 @@ class RodModel:
             wanted = matrix(home[last])
             have = matrix(q[pack.p[last] : pack.p[last] + 4])
             angle = math.atan2(wanted[:, 0] @ have[:, 1], wanted[:, 0] @ have[:, 0])
-            for i in range(1, self.nodes):
-                k = pack.p[i]
-                q[k : k + 4] = rotated(q[k : k + 4], angle * self.s[i] / self.s[-1])
+            first, final = (_first_twist(end) for end in (self.scene.end_a, self.scene.end_b))
+            for i in range(self.nodes):  # whole turns count: only the mismatch at twist 0 is taken the short way
+                k, x = pack.p[i], self.s[i] / self.s[-1]
+                q[k : k + 4] = rotated(q[k : k + 4], first + (angle + final - first) * x)
 
     def given(self) -> tuple[np.ndarray, np.ndarray]:
         """State of a start of kind `given`; forces follow from the motion at the first step."""
@@ -452,6 +458,11 @@ class RodModel:
         """The rod domains in words."""
         edges = np.flatnonzero(np.diff(np.concatenate([[0], self.rod.astype(int), [0]])))
         return ", ".join(f"{self.s[a]:.4g} to {self.s[b]:.4g} m" for a, b in zip(edges[::2], edges[1::2], strict=True))
+
+
+def _first_twist(end: sc.End) -> float:
+    """Twist of an end at the start [rad]."""
+    return math.radians(end.twist.angle[0] if isinstance(end.twist, sc.Turn) else end.twist)
 
 
 def upright(t: np.ndarray) -> np.ndarray:
