@@ -523,3 +523,17 @@ def test_greenhill(ends: Literal["clamped", "pinned"], T: float) -> None:
     errors = np.array(found) / exact - 1
     assert abs(errors[0]) < 0.01
     assert_second_order(errors[:, None], 3.5, 4.5)
+
+
+@pytest.mark.parametrize("twist", [170.0, 190.0, 360.0, -400.0])
+def test_whole_turns_of_twist_count(twist: float) -> None:
+    """A straight rod clamped at both ends carries GJ twist/L, also beyond half a turn (exact: 1e-9)."""
+    cable = Section(length=10.0, d=0.05, mass=1.0, EA=1e6, EI=10.0, GJ=10.0, wet_weight=0.0)
+    scene = Scene(
+        cable=(cable,),
+        end_a=End(kind="clamped", position=(0, 0, 0), direction=(1, 0, 0)),
+        end_b=End(kind="clamped", position=(10.001, 0, 0), direction=(1, 0, 0), twist=twist),
+    )
+    found = solve(scene, Ask(model="rod", segments=60))
+    assert found.status == Status.OK
+    np.testing.assert_allclose(found.signals["torque"][0], 10.0 * np.radians(twist) / 10.0, rtol=1e-9)
