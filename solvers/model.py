@@ -64,7 +64,7 @@ class Ask:
     rho: float = 0.8  # generalised-alpha: spectral radius at infinity
     interval: float = 1e-3  # of the output grid [s]
     output_from: float = 0.0  # first time on it that is kept [s]
-    rho_space: float = 1.0  # rod family: spectral radius at infinity of generalised-alpha along s
+    rho_space: float = 1.0  # rod family: spectral radius at infinity along s; below 1 for statics only, see README
     rods: tuple[tuple[float, float], ...] | None = None  # hybrid: where it is a rod, arc lengths [m]; None: adaptive
     harmonics: int | None = None  # of harmonic balance; None adds them until the tolerance is met
     max_steps: int = 20_000_000
