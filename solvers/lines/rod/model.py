@@ -205,6 +205,9 @@ class RodModel:
             if float(np.median(T)) > 0.01 * total:  # taut: the stretch is the tension
                 N0 = float(np.median(T)) * t[len(t) // 2]
                 N = N0 + passed[len(passed) // 2] - passed
+                if self.scene.start.kind == "given":  # its own strain, element by element
+                    each = T[:, None] * t
+                    N = np.concatenate([each[:1], (each[1:] + each[:-1]) / 2, each[-1:]])
             else:  # hanging: each half carries its weight, the rest is horizontal
                 low = int(np.argmin(np.abs(t[:, 2])))
                 flat = np.array([t[low, 0], t[low, 1], 0.0])
