@@ -31,7 +31,7 @@ from .dispatch import (
 from .lines.rod import RodModel, domains
 from .lines.rod.params import mesh_of
 from .methods import statics
-from .methods.march import LEDGER
+from .methods.march import C_STEPS, LEDGER
 from .model import Ask, Status
 from .quantities import QUANTITIES
 
@@ -40,6 +40,7 @@ WINDOWS = 24  # at least, in a run
 PER_PERIOD = 8  # windows in the shortest period of the excitation
 WORTH = 0.6  # domains shrink when at most this share of their elements is left
 NEGLIGIBLE = 1e-5  # share of the load that nobody asks about
+ATTEMPTS = 5  # at a window with larger domains, before it is taken as it is
 ROUNDS = 8  # of static state and domains
 
 
@@ -210,7 +211,8 @@ class Followed(NamedTuple):
     signals: list[dict[str, np.ndarray]]  # of each window
     ledger: np.ndarray  # (nt, 9) over the whole run
     residual: float  # of the energy balance
-    counts: np.ndarray
+    counts: np.ndarray  # of all work, windows that were run again included
+    steps: int  # that led from the start to the end
     seconds: float  # of all windows, changes of domains and estimates included
     error: Estimate  # the worst on the way
     changes: int  # of domains
@@ -234,9 +236,9 @@ def edges(ask: Ask, omega: float, breaks: tuple[float, ...]) -> np.ndarray:
 
 def follow(
     model: RodModel, ask: Ask, q: np.ndarray, v: np.ndarray, static: np.ndarray, grid: np.ndarray,
-    advance: Callable[[RodModel, np.ndarray, np.ndarray, np.ndarray, np.ndarray], Any], floor: float,
+    advance: Callable[[RodModel, int, np.ndarray, np.ndarray, np.ndarray, np.ndarray], Any], floor: float,
 ) -> Followed:  # fmt: skip
-    """March in windows; `advance(model, q, v, pieces, grid)` marches one and returns (code, out, ends, seconds)."""
+    """March in windows; `advance(model, max_steps, q, v, pieces, grid)` marches one: (code, out, ends, seconds)."""
     begun, compiling = time.perf_counter(), 0.0
     cut = edges(ask, model.omega, model.breaks)
     ends_at = np.searchsorted(grid, cut[1:] * (1 - 1e-12), side="left")
@@ -244,18 +246,20 @@ def follow(
     signals: list[dict[str, np.ndarray]] = []
     ledger = np.full((len(grid), len(LEDGER)), np.nan)
     counts, changes, share, error, gap = np.zeros(4, dtype=np.int64), 0, 0.0, NOTHING_LEFT_OUT, 0.0
-    open_by = 0.0
+    open_by, steps = 0.0, 0
     carried, peak, done, booked = np.zeros(len(LEDGER)), floor, 0, 0.0
     zero = held = _energy(model, q, v)  # at the start, and at the present window's
     status, before, a = Status.OK, 0, np.zeros(model.ndof)
     for k in range(len(cut) - 1):
         here, after = slice(before, int(ends_at[k])), int(ends_at[k])
-        for attempt in range(6):
+        for attempt in range(ATTEMPTS + 1):
             since = time.perf_counter()
-            code, out, s, spent = advance(model, q, v, cut[k : k + 2], grid[here])
+            left = max(0, ask.max_steps - int(counts[C_STEPS]))
+            code, out, s, spent = advance(model, left, q, v, cut[k : k + 2], grid[here])
             counts += out.counts
             compiling += time.perf_counter() - since - spent
-            if attempt == 5 or (code == 0 and not domains.outside(model, s.q[0], SHARE * ask.accuracy)):
+            outside = code != 0 or domains.outside(model, s.q[0], SHARE * ask.accuracy)
+            if attempt == ATTEMPTS or code == Status.TOO_MANY_STEPS or not outside:
                 break
             wish = domains.wanted(model, s.q[0], SHARE * ask.accuracy) if code == 0 else _bends(model)
             rod = domains.tidy(wish | model.rod, np.diff(model.s), domains.share_of_bending(model, q)[1])
@@ -266,6 +270,7 @@ def follow(
             model, changes = larger, changes + 1
             now = _energy(model, q, v)
             booked, held = booked + abs(now - held), now
+        steps += int(out.counts[C_STEPS])
         n = int(out.at[0])
         rows = out.ledger[:n].copy()
         rows[:, 3:] += carried[3:]
@@ -287,7 +292,7 @@ def follow(
             status = Status(code) if code else (valid[0] if valid[0] != Status.OK else Status.DIVERGED)
             break
         q, v, a = s.q[0].copy(), s.v[0].copy(), s.a[0].copy()
-        if k % max(1, len(cut) // 8) == 0:
+        if k % max(1, len(cut) // 8) == 0 or k + 2 == len(cut) or attempt == ATTEMPTS:
             error = worse(error, joint_error(model, q, v, s.a[0]))
         rod = domains.wanted(model, q, SHARE * ask.accuracy)
         grows = bool((rod & ~model.rod).any())
@@ -301,7 +306,7 @@ def follow(
         held = _energy(model, q, v)
     error = error._replace(energy=booked / peak)
     seconds = time.perf_counter() - begun - compiling
-    return Followed(status, signals, ledger, gap / peak, counts, seconds, error, changes, share, model, done)
+    return Followed(status, signals, ledger, gap / peak, counts, steps, seconds, error, changes, share, model, done)
 
 
 def joined(windows: list[dict[str, np.ndarray]]) -> dict[str, np.ndarray]:

@@ -501,12 +501,17 @@ def march(
     if choice.adaptive:
         rest = model._nodal(static, pack.r)
 
-        def one(model: Any, q: np.ndarray, v: np.ndarray, pieces: np.ndarray, grid: np.ndarray) -> March:
-            return marched(model, ask, name, limits, q, v, pieces, grid)
+        def one(
+            model: Any, left: int, q: np.ndarray, v: np.ndarray, pieces: np.ndarray, grid: np.ndarray
+        ) -> March:
+            if left == 0:
+                pieces = pieces[:1]  # nothing more may be done
+            done = marched(model, replace(ask, max_steps=max(left, 1)), name, limits, q, v, pieces, grid)
+            return done._replace(code=Status.TOO_MANY_STEPS) if left == 0 else done
 
         run = adaptive.follow(model, ask, q, v, rest, grid, one, limits.floor)
         code, done, residual, ledger = run.status, run.done, run.residual, run.ledger
-        cost = _cost(run.counts, run.seconds)
+        cost, steps = _cost(run.counts, run.seconds), run.steps
         signals = adaptive.joined(run.signals)
         lost = code == Status.ZERO_TENSION
         when = f"at t = {grid[done - 1]:.6g} s" if done else f"before t = {grid[0]:.6g} s"
@@ -517,6 +522,7 @@ def march(
     else:
         code, out, s, seconds = marched(model, ask, name, limits, q, v, pieces, grid)
         cost, done, ledger = _cost(out.counts, seconds), int(out.at[0]), out.ledger
+        steps = cost.steps
         residual = float(s.peak[2]) / max(float(s.peak[0]), float(s.peak[1]), limits.floor)
         signals = model.observe(out.q[:done], out.v[:done], out.f[:done], static)
         valid, why = model.validity(signals)
@@ -525,9 +531,12 @@ def march(
             valid, why = model.stopped(s.q[0])
         elif MODELS[choice.model].constrained:
             joints = adaptive.worse(joints, adaptive.joint_error(model, s.q[0], s.v[0], s.a[0]))
-    per_period = 2 * math.pi * cost.steps / (matters * ask.duration) if matters > 0 else math.inf
+    per_period = 2 * math.pi * steps / (matters * ask.duration) if matters > 0 else math.inf
     if code == Status.OK and done == len(grid):
         status, message = verdict(residual, guard, note, math.inf if METHODS[name].adaptive else per_period)
+        if MODELS[choice.model].constrained and status in (Status.OK, Status.ENERGY_OPEN):
+            tight, why = model.resolved(signals, message)  # a run may bend more than its start, and its ledger open
+            status, message = (tight, why) if tight != Status.OK else (status, message)
     else:
         status = Status.DIVERGED if code == Status.OK else code
         message = f"stopped at t = {grid[done - 1]:.6g} s" if done else f"stopped before t = {grid[0]:.6g} s"

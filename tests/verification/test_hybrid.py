@@ -180,6 +180,24 @@ def test_the_loop_closes_its_energy_balance_or_says_so() -> None:
     assert run.energy_residual < 1e-2
 
 
+def test_a_loop_that_the_mesh_cannot_follow_is_unresolved() -> None:
+    """With 24 elements the loop turns by more than half a radian in one, though the start does not: the mesh is at
+    fault, and the message says so, not that of an open ledger."""
+    ask = Ask(model="rod", segments=24, duration=20.0, interval=0.1, method="genalpha", step=0.01, rho=0.5)
+    run = solve(hockle(), ask)
+    assert run.status == Status.UNRESOLVED
+    assert "in the run" in run.message
+    assert "segments" in run.message
+
+
+def test_the_step_budget_is_that_of_the_whole_run() -> None:
+    """Windows share `max_steps`; a run that needs 300 steps and may take 60 says so."""
+    ask = Ask(model="hybrid", accuracy=0.01, segments=100, duration=6.0, interval=0.1, method="genalpha", step=0.02)
+    found = solve(JUMPER, replace(ask, max_steps=60))
+    assert found.status == Status.TOO_MANY_STEPS
+    assert found.cost.steps <= 60
+
+
 def test_auto_takes_a_hybrid_where_rotations_matter() -> None:
     """A turned end is beyond the lumped line; a thin boundary layer at a clamp is too thin for its segments."""
     assert Feature.TORSION in needs(hockle())

@@ -457,6 +457,16 @@ class RodModel:
         note = "" if share in (0.0, 1.0) else f"{share:.0%} rod: {self.describe()}"
         return Status.OK, note, nodes
 
+    def resolved(self, signals: dict[str, np.ndarray], note: str) -> tuple[Status, str]:
+        """The guard on the frame's turn over an element, for all samples of a run; `note` where it is good."""
+        kappa, rod = signals["curvature"], signals["domain"] > 0.5
+        turn = np.where(rod, np.maximum(kappa[:, 1:], kappa[:, :-1]) * np.diff(self.s), 0.0)
+        k, e = np.unravel_index(turn.argmax(), turn.shape)
+        if not turn[k, e] <= LARGEST_TURN:
+            found = f"the frame turns by {turn[k, e]:.2f} rad over the element at s = {self.s[e]:.3g} m in the run"
+            return Status.UNRESOLVED, f"{found}; {LARGEST_TURN} are the most"
+        return Status.OK, note
+
     def describe(self) -> str:
         """The rod domains in words."""
         edges = np.flatnonzero(np.diff(np.concatenate([[0], self.rod.astype(int), [0]])))
