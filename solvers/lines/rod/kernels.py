@@ -202,6 +202,8 @@ def rod_element(q, v, a, e, w, wd, wp, at, pack, r):
     two = acceleration_of(state4(q, e + 1, pack), state4(v, e + 1, pack), state4(a, e + 1, pack))
     spin = tensor(d1, d2, d3, J, axpy(w, two, scale(1.0 - w, one)))
     spin = axpy(1.0, cross(omega, tensor(d1, d2, d3, J, omega)), spin)
+    if pack.space[0] != pack.space[2]:  # the equation holds at the af point, the chord at the middle
+        D = scale(1.0 + dot(d3, y), d3)
     add_to(r, at + 9, -wd, across(q, pack.M, e, pack.axes))
     add_to(r, at + 9, wp * l, axpy(-1.0, cross(D, N), axpy(-f, row(pack.moment, e, pack.axes), spin)))
 
@@ -590,13 +592,26 @@ def rod_rate(q, v, a, cq, cv, ca, e, w, wd, wp, at, pack, J):
     times_skew(inner, 1.0, inertia, omega)
     add_skew(inner, -1.0, tensor(d1, d2, d3, J3, omega))
     skew_times(C_phi, wp * l, omega, inner)
+    off_middle = pack.space[0] != pack.space[2]
+    if off_middle:
+        D = scale(1.0 + dot(d3, y), d3)
     A[:] = 0.0
     add_skew(A, -wp * l * cq, D)
     put_mean(J, bw, at + 9, pack.N, e, w, 1.0, A)
     A[:] = 0.0
-    add_skew(A, wp * cq, N)
-    put(J, bw, at + 9, pack.r[e + 1], 1.0, A)
-    put(J, bw, at + 9, pack.r[e], -1.0, A)
+    if off_middle:  # D moves with N, M and the frame, not with the chord
+        push = cross(N, d3)
+        add_pair(A, wp * l * cq, push, d3)
+        put_mean(J, bw, at + 9, pack.N, e, w, give[e, 3], A)
+        put_mean(J, bw, at + 9, pack.M, e, w, give[e, 4], A)
+        add_pair(C_phi, wp * l, push, cross(d3, y))
+        inner[:] = 0.0
+        add_skew(inner, 1.0, D)
+        skew_times(C_phi, -wp * l, N, inner)
+    else:
+        add_skew(A, wp * cq, N)
+        put(J, bw, at + 9, pack.r[e + 1], 1.0, A)
+        put(J, bw, at + 9, pack.r[e], -1.0, A)
     put_difference(J, bw, at + 9, pack.M, e, -wd * cq, pack.axes)
     for side in range(2):
         j = pack.p[e + side]
