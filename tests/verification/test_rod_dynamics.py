@@ -9,6 +9,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 import pytest
+from periodic_kit import jumper
 from scipy.optimize import brentq
 from scipy.sparse import csc_matrix, diags
 from scipy.sparse.linalg import splu
@@ -31,7 +32,7 @@ from solvers.catalogue import limits_of, marched, static_state
 from solvers.catenary import catenary
 from solvers.dispatch import call_residual, call_tangent
 from solvers.lines.rod import RodModel, build_catenary, build_rod
-from solvers.lines.rod.params import matrix
+from solvers.lines.rod.params import matrix, spatial
 from solvers.model import REMEDY
 
 ALONG_X = (1.0, 0.0, 0.0)
@@ -296,12 +297,36 @@ def test_rho_below_one_dissipates() -> None:
     assert 1e-4 < lost[1] < lost[2] < 1e-2
 
 
+# ------------------------------------------------------------------------------------------ water
+
+
+@pytest.mark.parametrize("model", ["catenary", "rod"])
+def test_jumper_in_surge(model: str) -> None:
+    """Low & Langley (2006): tension at the moved end 41.58 to 52.24 kN, mean 46.71, to 1 kN, what a figure can be read
+    to. Drag makes most of that range, 1 % of it 50 N: the same mesh of lumped masses is met to 18 N (without bending)
+    and 8 N (with it)."""
+    cable = replace(jumper().cable[0], BA=0.0)  # which rods do not have
+    scene = replace(jumper(), cable=(cable,))
+
+    def swing(model: str) -> list[float]:
+        ask = Ask(model=model, segments=60, duration=81.0, output_from=54.0, interval=0.05, method="trbdf2")
+        run = solve(scene, ask)
+        assert run.status == Status.OK, run.message
+        force = np.linalg.norm(run.signals["end_force"][:, 1], axis=1)
+        return [force.min(), force.max(), force.mean()]
+
+    found = swing(model)
+    np.testing.assert_allclose(found, [41.58e3, 52.24e3, 46.71e3], atol=1e3)
+    np.testing.assert_allclose(found, swing("lumped"), atol=18.0 if model == "catenary" else 8.0)
+
+
 # ------------------------------------------------------------------------------------------ sawtooth along s
 
 
 def test_sawtooth_along_the_line() -> None:
-    """Elements 20 times the bending length at clamp A: with the box scheme the moment alternates in sign and falls by
-    (1 - z/2)/(1 + z/2) = -9/11 an element, z = 20; with rho_space = 0.5 it is gone after five. UNRESOLVED, both."""
+    """Elements 20 times the bending length at clamp A: y' = -20 y in the element. With the box scheme the moment
+    alternates in sign and falls by (1 - z/2)/(1 + z/2) = -9/11 an element, z = 20; with rho_space = 0.5 it follows the
+    recursion of generalised-alpha after a first element by the box rule. UNRESOLVED, both."""
     rod = Section(length=2.0, d=1e-3, mass=1e-3, EA=1e8, EI=1e-4, wet_weight=0.0)  # bending length 0.01 at T = 1
     clamp = End(kind="clamped", position=(0, 0, 0), direction=(1, 0, 0.1))
     scene = Scene(cable=(rod,), end_a=clamp, end_b=End(kind="free", force=(1.0, 0, 0)))
@@ -313,7 +338,13 @@ def test_sawtooth_along_the_line() -> None:
     box = moments[1.0][:4]
     np.testing.assert_allclose(box[1:] / box[:-1], -9 / 11, rtol=0.03)  # the other end is 10 elements away
     assert abs(moments[1.0][5]) > 0.3 * abs(moments[1.0][0])
-    assert abs(moments[0.5][5]) < 0.03 * abs(moments[0.5][0])
+    am, af, g = spatial(0.5)
+    decay = [1.0, -9 / 11]
+    for _ in range(6):
+        one, two = decay[-2:]
+        known = (2 * am - 1) * two + (1 - am) * one - 20 * (g * (1 - af) + (1 - g) * af) * two
+        decay.append((known - 20 * (1 - g) * (1 - af) * one) / (am + 20 * g * af))
+    np.testing.assert_allclose(moments[0.5][:8] / moments[0.5][0], decay, atol=4e-3)  # clamp turned by 0.1, not by 0
 
 
 # ------------------------------------------------------------------------------------------ loss of tension
