@@ -6,11 +6,12 @@ import math
 import time
 from collections.abc import Callable
 from dataclasses import replace
+from functools import partial
 from typing import Any, NamedTuple
 
 import numpy as np
 
-from . import adaptive, settled
+from . import adaptive, pilot, settled
 from . import scene as sc
 from .catenary import catenary_of
 from .dispatch import GRAVITY, N_ENERGIES, STRAIN, call_energies, call_residual, has
@@ -27,6 +28,8 @@ REACH = 3.2  # largest step times |eigenvalue| of the explicit 5(4) pair, whose 
 RING = 0.35  # largest step times the highest transverse frequency where devices ring it
 TAUT = 0.5  # largest step times device frequency while a cord is taut: six steps in the shortest impact
 UNGUIDED = 60  # segments where no excitation sets a wave length
+FIRST = 20  # segments of the first pilot where no excitation sets a wave length
+LOOSE = 10.0  # times its default: the first tolerance of an adaptive method that pilots tune
 STEPS_PER_PERIOD = 12.0  # a fixed-step method needs this many in the shortest period that matters
 
 
@@ -37,6 +40,8 @@ class Line(NamedTuple):
     features: Feature
     meaning: str
     constrained: bool = False  # rod family: constraints want an implicit time method, and `build` takes the Ask
+    order: float = 2.0  # in the segment's length, where the response is smooth
+    price: float = 1.0  # of an evaluation at one node, beside the lumped line's
 
 
 class Method(NamedTuple):
@@ -274,7 +279,7 @@ def static_state(model: Any) -> tuple[Status, np.ndarray, str]:
 
 
 def solve(scene: sc.Scene, ask: Ask) -> Response:
-    """Run a scene: model and method chosen or as asked.
+    """Run a scene: model and method chosen or as asked; without `segments`, pilots choose mesh and tolerance too.
 
     Where `auto` chose harmonic balance and its answer cannot be trusted, the time domain runs instead; `reason` tells.
 
@@ -284,11 +289,78 @@ def solve(scene: sc.Scene, ask: Ask) -> Response:
         Before the run, for a choice that cannot represent the scene. Whatever goes wrong in the run is a Status.
     """
     choice = cheapest(scene, ask)
-    response = run(scene, ask, choice)
+    response = run(scene, ask, choice) if ask.segments else piloted(scene, ask, choice)
     if choice.method == "harmonic" and ask.method == "auto" and not response.trusted:
         method, how = marching(scene, ask, choice.segments, choice.model)
         reason = f"{how}; harmonic balance gave {response.status.name}: {response.message}"
-        response = run(scene, ask, choice._replace(method=method, reason=reason))
+        choice = choice._replace(method=method, reason=reason)
+        response = run(scene, ask, choice) if ask.segments else piloted(scene, ask, choice)
+    return response
+
+
+def ways(scene: sc.Scene, ask: Ask, choice: Choice) -> list[pilot.Way]:
+    """The lines and methods among which pilots choose: the ones named, or all that can do what `choice` can."""
+    if ask.method == "auto" and ask.step is None and choice.method in ("dopri5", "trbdf2"):
+        methods = [name for name in ("dopri5", "trbdf2") if can_march(choice.model, name)]
+    else:
+        methods = [choice.method]
+    found = []
+    for name in methods:
+        line, method = MODELS[choice.model], METHODS[name]
+        if ask.duration <= 0:
+            knob, tune = math.nan, False
+        elif method.adaptive:
+            knob, tune = (ask.tolerance, False) if ask.tolerance else (LOOSE * method.tolerance, True)
+        else:
+            knob, tune = float(ask.step or 0.0), False
+        found.append(pilot.Way(
+            choice.model, name, line.order, line.price, knob, 10.0 if method.adaptive else 2.0, tune,
+            least_steps=pilot.free if name not in RUNGE_KUTTA else partial(least_steps, scene, ask, choice.model),
+        ))  # fmt: skip
+    return found
+
+
+def can_march(model: str, method: str) -> bool:
+    """Whether a line has the verbs of a time method; lines with constraints only march implicitly."""
+    return method not in RUNGE_KUTTA or not MODELS[model].constrained
+
+
+def least_steps(scene: sc.Scene, ask: Ask, model: str, segments: int) -> float:
+    """Steps that the stability of an explicit method asks for over the run."""
+    built = MODELS[model].build(scene, segments)
+    return ask.duration * built.fastest(built.starts()[-1])["decay"] / REACH
+
+
+def piloted(scene: sc.Scene, ask: Ask, choice: Choice) -> Response:
+    """Run a scene on the mesh and at the tolerance that pilots find for `ask.accuracy`, by their cheapest way."""
+
+    def attempt(way: pilot.Way, segments: int, knob: float) -> Response:
+        asked = replace(ask, segments=segments)
+        if math.isfinite(knob):
+            adapts = METHODS[way.method].adaptive
+            asked = replace(asked, tolerance=knob) if adapts else replace(asked, step=knob)
+        plan = choice._replace(model=way.model, method=way.method, segments=segments, error=math.nan)
+        return run(scene, asked, plan)
+
+    first = min(choice.segments, FIRST) if math.isnan(choice.error) else max(8, round(choice.segments / 2))
+    found = pilot.refine(attempt, ways(scene, ask, choice), ask.accuracy, first)
+    response = found.response
+    if found.chaotic:
+        asked = choice._replace(model=found.way.model, method=found.way.method)
+        response = run(scene, replace(ask, segments=choice.segments), asked)
+        note = "chaotic: waveforms do not converge, only statistics mean something"
+        return replace(response, message=f"{note}; {response.message}".rstrip("; "), estimated_error=math.nan)
+    error = max(found.error, response.estimated_error)  # the second is what kinematics, joints and series leave out
+    share = found.work / max(1.0, pilot.work(found.way, response))
+    reason = (
+        f"{choice.reason}; {found.way.method} on {found.segments} segments for an estimated error of {found.error:.2g} "
+        f"({found.late:.1g} in time), by {found.runs} pilots of {share:.1f} times its work"
+    )
+    response = replace(response, reason=reason, estimated_error=error)
+    if response.status == Status.OK and error > ask.accuracy:
+        status = Status.COARSE_STEP if found.late > ask.accuracy else Status.UNRESOLVED
+        why = f"estimated error {error:.2g}, above `accuracy` {ask.accuracy:g}"
+        response = replace(response, status=status, message=f"{why}; {REMEDY[status]}")
     return response
 
 

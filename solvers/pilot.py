@@ -1,0 +1,232 @@
+"""How fine must a run be? Mesh and tolerance from pilot runs whose differences estimate the error.
+
+The error is that of the transverse response: rms over all nodes and times of the displacement from the static state,
+normal to the static tangent, relative to the same rms of the response (at rest: of the shape, from its chord).
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from typing import NamedTuple
+
+import numpy as np
+from scipy.interpolate import CubicSpline
+from scipy.optimize import brentq
+
+from .model import Response, Status
+
+STATIONS = 40  # equal parts of the line at whose ends two runs are compared
+SAFETY = 1.25  # on an error that is extrapolated from coarser meshes
+SHARE = 0.25  # of the accuracy asked that time stepping may take
+GROWTH, LEAST_GROWTH = 3.0, 1.3  # by which one pilot's mesh exceeds the last one's
+LEAST = 8  # segments
+FINEST = 20_000  # segments
+TIGHTEST = 1e-10  # tolerance
+CHAOTIC = 0.3  # two tolerances whose waveforms differ by more twice over have nothing in common
+ENDED = frozenset({Status.OK, Status.UNRESOLVED, Status.COARSE_STEP, Status.ENERGY_OPEN, Status.FEW_HARMONICS})
+
+
+def motion_at(run: Response, stations: np.ndarray, tangent: np.ndarray | None = None) -> np.ndarray:
+    """Displacement at arc lengths (ns,) [m], by cubic splines between the nodes: (nt, ns, 3) [m].
+
+    In motion from the static state and normal to `tangent` (ns, 3), by default the run's own static one; at rest
+    from the chord.
+    """
+    s = run.signals
+    x = s["position"]
+    if len(run.t) == 1:
+        share = ((s["arc"] - s["arc"][0]) / (s["arc"][-1] - s["arc"][0]))[:, None]
+        x = x - ((1 - share) * x[:, :1] + share * x[:, -1:])
+        return np.asarray(CubicSpline(s["arc"], x, axis=1)(stations))
+    field = np.asarray(CubicSpline(s["arc"], x - s["static_position"], axis=1)(stations))
+    t = tangents(run, stations) if tangent is None else tangent
+    return field - np.einsum("tna,na->tn", field, t)[:, :, None] * t
+
+
+def tangents(run: Response, stations: np.ndarray) -> np.ndarray:
+    """Unit tangents of the static shape at arc lengths (ns,): (ns, 3)."""
+    s = run.signals
+    t = np.asarray(CubicSpline(s["arc"], s["static_position"], axis=0)(stations, 1))
+    return t / np.linalg.norm(t, axis=1)[:, None]
+
+
+def stations_of(length: float) -> np.ndarray:
+    """Arc lengths at which runs are compared [m]."""
+    return np.linspace(0.0, length, STATIONS + 1)[1:-1]
+
+
+def gap(run: Response, truth: Response) -> float:
+    """Relative rms difference of the transverse response; infinite where either has none to compare."""
+    if run.status not in ENDED or truth.status not in ENDED or len(run.t) != len(truth.t) or not len(run.t):
+        return math.inf
+    stations = stations_of(float(truth.signals["arc"][-1]))
+    tangent = tangents(truth, stations) if len(run.t) > 1 else None
+    a, b = motion_at(run, stations, tangent), motion_at(truth, stations, tangent)
+    difference, size = float(np.sum((a - b) ** 2)), float(np.sum(b**2))
+    if size == 0.0:
+        return 0.0 if difference == 0.0 else math.inf
+    return math.sqrt(difference / size)
+
+
+def free(segments: int) -> float:
+    """Steps that an implicit method must take."""
+    return 0.0
+
+
+class Way(NamedTuple):
+    """A line and a method that could do it."""
+
+    model: str
+    method: str
+    order: float  # of the line in the segment's length, where the response is smooth
+    price: float  # of one evaluation at one node, that of the lumped line being 1
+    knob: float  # first tolerance, or the fixed step [s]; NaN for neither
+    factor: float  # by which the knob is made finer to estimate the error in time
+    tune: bool  # whether the knob may be changed
+    given: float = 0.0  # estimated error of the line's kinematics
+    least_steps: Callable[[int], float] = free  # that stability asks for on a mesh
+
+
+Attempt = Callable[[Way, int, float], Response]  # (way, segments, knob)
+
+
+class Refined(NamedTuple):
+    """What pilots found."""
+
+    way: Way
+    segments: int
+    knob: float
+    response: Response  # of that way, mesh and knob
+    error: float  # estimated, of the response; NaN where waveforms do not converge
+    late: float  # its part from time stepping
+    runs: int  # pilots, the last one included
+    work: int  # counted, of all of them
+    chaotic: bool
+
+
+class Pilots:
+    """Runs made so far, and their counted work."""
+
+    def __init__(self, attempt: Attempt) -> None:
+        self._attempt = attempt
+        self._made: dict[tuple[str, str, int, float], Response] = {}
+        self.work = 0.0
+
+    def __call__(self, way: Way, segments: int, knob: float) -> Response:
+        key = (way.model, way.method, segments, knob)
+        if key not in self._made:
+            self._made[key] = self._attempt(way, segments, knob)
+            self.work += work(way, self._made[key])
+        return self._made[key]
+
+    def __len__(self) -> int:
+        return len(self._made)
+
+
+def work(way: Way, run: Response) -> float:
+    """Counted operations: evaluations, a factorisation like four of them, times nodes and price."""
+    return way.price * (run.cost.evaluations + 4 * run.cost.factorisations) * (run.segments + 1)
+
+
+def in_time(pilots: Pilots, way: Way, segments: int, wanted: float) -> tuple[float, float]:
+    """Largest tolerance (or the step as given) whose time error is at most `wanted`, and that error.
+
+    A run is compared with one whose knob is `factor` times finer, whose own error is small beside it. Infinite where
+    finer runs do not come closer: a chaotic response.
+    """
+    knob, before, wild = way.knob, math.inf, 0
+    if math.isnan(knob):
+        return knob, 0.0
+    while True:
+        run = pilots(way, segments, knob)
+        found = gap(run, pilots(way, segments, knob / way.factor))
+        good = found <= wanted and run.status != Status.ENERGY_OPEN
+        if good or not way.tune or knob / way.factor**2 < TIGHTEST:
+            return knob, found
+        wild = wild + 1 if found > CHAOTIC and found > 0.5 * before else 0
+        if wild == 2:
+            return knob, math.inf
+        before, knob = found, knob / way.factor
+
+
+def projected(pilots: Pilots, way: Way, first: int, knob: float, segments: float) -> float:
+    """Work of a way on another mesh: steps grow as from the first pilot's mesh to the second, or as stability asks."""
+    one, two = pilots(way, first, knob), pilots(way, 2 * first, knob)
+    steps = max(one.cost.steps, 1)
+    growth = max(two.cost.steps / steps, 1.0)
+    ratio = max(segments / first, 0.5)
+    grown = max(ratio ** math.log2(growth), way.least_steps(math.ceil(segments)) / steps)
+    return work(way, one) * ratio * grown
+
+
+def refine(attempt: Attempt, ways: list[Way], accuracy: float, first: int) -> Refined:
+    """The way that pilots promise to be cheapest, on the coarsest mesh and at the loosest tolerance whose estimated
+    errors add up to less than `accuracy`.
+
+    Parameters
+    ----------
+    ways : at least one; the first is taken where the response is chaotic
+    first : segments of the first pilot
+    """
+    pilots = Pilots(attempt)
+    offers = []
+    for way in ways:
+        knob, late = in_time(pilots, way, first, SHARE * accuracy)
+        if not late <= CHAOTIC:
+            continue
+        apart = gap(pilots(way, first, knob), pilots(way, 2 * first, knob))
+        error = SAFETY * apart * 2**way.order / (2**way.order - 1)
+        mesh = first * min(100.0, (error / wanted_in_space(way, accuracy, late)) ** (1 / way.order))
+        offers.append((projected(pilots, way, first, knob, mesh), way, knob, late))
+    if not offers:
+        way = ways[0]
+        run = pilots(way, first, way.knob)
+        return Refined(way, first, way.knob, run, math.nan, math.inf, len(pilots), round(pilots.work), True)
+    _, way, knob, late = min(offers, key=lambda offer: offer[0])
+    wanted = wanted_in_space(way, accuracy, late)
+    fine, error = in_space(pilots, way, first, knob, wanted)
+    run = pilots(way, fine, knob)
+    while run.status == Status.ENERGY_OPEN and way.tune and knob / way.factor > TIGHTEST:
+        knob /= way.factor  # finer meshes ring more
+        run = pilots(way, fine, knob)
+    return Refined(way, fine, knob, run, error + late + way.given, late, len(pilots), round(pilots.work), False)
+
+
+def wanted_in_space(way: Way, accuracy: float, late: float) -> float:
+    """What the line's kinematics and time stepping leave to the mesh."""
+    return max(accuracy - late - way.given, SHARE * accuracy)
+
+
+def in_space(pilots: Pilots, way: Way, first: int, knob: float, wanted: float) -> tuple[int, float]:
+    """The coarsest mesh whose estimated error is at most `wanted`, and that error."""
+    meshes, apart, p = [first, 2 * first], [gap(pilots(way, first, knob), pilots(way, 2 * first, knob))], way.order
+    while True:
+        coarse, fine = meshes[-2:]
+        if len(apart) > 1:
+            p = order_seen(meshes[-3:], apart[-2:], way.order)
+        error = SAFETY * apart[-1] / ((fine / coarse) ** p - 1)
+        usable = apart[-1] < 1.0
+        if (usable and error <= wanted) or fine >= FINEST or pilots(way, fine, knob).status not in ENDED:
+            break
+        growth = min(GROWTH, max(LEAST_GROWTH, 1.05 * (error / wanted) ** (1 / p))) if usable else 2.0
+        meshes.append(min(FINEST, math.ceil(fine * growth)))
+        apart.append(gap(pilots(way, fine, knob), pilots(way, meshes[-1], knob)))
+    coarser = math.ceil(1.1 * fine * (error / wanted) ** (1 / p)) if usable else fine
+    if LEAST <= coarser <= 0.75 * fine:  # finer than need be
+        between = SAFETY * gap(pilots(way, coarser, knob), pilots(way, fine, knob)) + error
+        if between <= wanted:
+            return coarser, between
+    return fine, error
+
+
+def order_seen(meshes: list[int], apart: list[float], order: float) -> float:
+    """Order p at which an error C N^-p gives the differences of three meshes, from 0.5 to that of the line."""
+    a, b, c = meshes
+
+    def excess(p: float) -> float:
+        return (a**-p - b**-p) / (b**-p - c**-p) - apart[0] / apart[1]
+
+    if not (0 < apart[1] < math.inf and apart[0] < math.inf) or excess(order) <= 0:
+        return order
+    return 0.5 if excess(0.5) >= 0 else float(brentq(excess, 0.5, order))
