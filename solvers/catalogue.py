@@ -349,7 +349,8 @@ def piloted(scene: sc.Scene, ask: Ask, choice: Choice) -> Response:
         asked = choice._replace(model=found.way.model, method=found.way.method)
         response = run(scene, replace(ask, segments=choice.segments), asked)
         note = "chaotic: waveforms do not converge, only statistics mean something"
-        return replace(response, message=f"{note}; {response.message}".rstrip("; "), estimated_error=math.nan)
+        message = f"{note}; {response.message}".rstrip("; ")
+        return replace(response, message=message, estimated_error=math.nan, chaotic=True)
     error = max(found.error, response.estimated_error)  # the second is what kinematics, joints and series leave out
     share = found.work / max(1.0, pilot.work(found.way, response))
     reason = (
@@ -384,7 +385,7 @@ def run(scene: sc.Scene, ask: Ask, choice: Choice) -> Response:
     choice = choice._replace(error=float(np.nanmax([choice.error, small])))
     common: dict[str, Any] = {
         "model": choice.model, "method": choice.method, "segments": choice.segments, "reason": choice.reason,
-        "estimated_error": choice.error,
+        "estimated_error": choice.error, "tolerance": tolerance_of(choice.method, ask),
     }  # fmt: skip
     choice = choice._replace(adaptive=choice.model == "hybrid" and ask.rods is None)
     if scene.start.kind == "given":
@@ -418,6 +419,14 @@ def run(scene: sc.Scene, ask: Ask, choice: Choice) -> Response:
     return march(model, ask, choice, static, q, v, common, joints)
 
 
+def tolerance_of(name: str, ask: Ask) -> float:
+    """The tolerance that a method uses; NaN of a fixed step."""
+    method = METHODS.get(name)
+    if method is None or not method.adaptive:
+        return math.nan
+    return ask.tolerance or method.tolerance
+
+
 def _in_range(model: str, error: float, what: str, ask: Ask) -> None:
     """Raises CannotRepresent where a small-motion line would have to move too far."""
     if not error <= ask.accuracy:
@@ -440,7 +449,7 @@ _COMPILED: set[tuple[type, tuple[float, ...]]] = set()  # kinds of line that har
 def settle(model: Any, ask: Ask, static: np.ndarray, common: dict[str, Any]) -> Response:
     """The settled response to periodic motion, by harmonic balance, shown on the output grid."""
     pack, omega = model.pack, 2 * math.pi / settled.period(model.scene)[0]
-    tolerance = METHODS["harmonic"].tolerance if ask.tolerance is None else ask.tolerance
+    tolerance = tolerance_of("harmonic", ask)
     if (kind := (type(pack), pack.axes)) not in _COMPILED:  # seconds are those of the method, compilation excluded
         _COMPILED.add(kind)
         settle(model, ask, static, dict(common))
@@ -500,7 +509,7 @@ def limits_of(model: Any, ask: Ask, name: str, fastest: dict[str, float]) -> Lim
     method, floor = METHODS[name], 0.5 * float(model.pack.weight.sum()) * FLOOR_SPEED**2
     if not method.adaptive:
         return Limits(float(ask.step or 0.0), 0.0, 1.0, 0.0, 1.0, floor)
-    tolerance = method.tolerance if ask.tolerance is None else ask.tolerance
+    tolerance = tolerance_of(name, ask)
     most = min(ask.duration / 50, 2 * math.pi / model.omega / 20 if model.omega > 0 else math.inf)
     quick = max(fastest["axial"], fastest["bending"], fastest["tension"])
     first = 1 / quick if quick > 0 else most

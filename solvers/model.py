@@ -123,6 +123,8 @@ class Response:
     cost: Cost = field(default_factory=Cost)
     model: str = ""
     method: str = ""
+    tolerance: float = float("nan")  # of an adaptive method
+    chaotic: bool = False  # pilots found that waveforms do not converge: only statistics mean something
     segments: int = 0  # N as asked or chosen; rods and devices may make the mesh differ by a few
     reason: str = ""  # why this model, method and mesh
     estimated_error: float = float("nan")  # relative, of the transverse response

@@ -169,6 +169,28 @@ def _pairs(dataset: xr.Dataset) -> list[tuple[str, str]]:
     return list(zip(dataset["status"].values.ravel(), dataset["message"].values.ravel(), strict=True))
 
 
+# --------------------------------------------------------------------------------------------- trade-offs
+
+
+@app.command(name="chart")
+def chart_command(
+    case: Annotated[Path, typer.Argument(metavar="SCENE.yaml", help="a study, whose first design counts, or a scene")],
+    out: Annotated[Path, typer.Option(metavar="DIR", help="folder of chart.csv, chart.nc and chart.png")],
+    duration: Annotated[float | None, typer.Option(min=0, metavar="T", help="length of the runs [s]")] = None,
+    model: Annotated[list[str] | None, typer.Option(help="this line only; may be given again")] = None,
+    uncertainty: Annotated[float, typer.Option(help="wanted of the reference, relative")] = 1e-3,
+    longest: Annotated[float, typer.Option(help="longest run worth making [s]")] = 20.0,
+) -> None:
+    """Error against cost of every line and method that can do a scene, beside a reference that is checked."""
+    from . import chart
+    from .chart_plot import save_chart
+
+    warm_up()
+    data = chart.chart(chart.load_case(case, duration), out, model or (), uncertainty, longest, say)
+    say(report.charted(data, Console()))
+    say(f"figure  {save_chart(data, out / 'chart.png')}")
+
+
 # --------------------------------------------------------------------------------------------- results
 
 

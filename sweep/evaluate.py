@@ -15,7 +15,7 @@ from typing import Any, NamedTuple
 import numpy as np
 import xarray as xr
 
-from solvers import METHODS, QUANTITIES, Ask, CannotRepresent, Response, Scene, Status, solve
+from solvers import QUANTITIES, Ask, CannotRepresent, Response, Scene, Status, solve
 from solvers.model import REMEDY
 
 from .config import MetricSettings
@@ -125,22 +125,14 @@ def run_trusted(scene: Scene, ask: Ask) -> Run:
     Fixed-step runs are never retried, nor are those that a tighter tolerance cannot mend.
     """
     first = _solve(scene, ask)
-    used = _tolerance(first, ask)
+    used = first.tolerance
     hopeless = first.method == "harmonic" and first.status == Status.NO_CONVERGENCE  # a tolerance does not help Newton
     if first.status not in RETRIED or hopeless or not used > 0:
         return Run(first, used, 0.0)
-    second = _solve(scene, replace(ask, tolerance=used / 10))
+    second = _solve(scene, replace(ask, tolerance=used / 10, segments=ask.segments or first.segments))
     if second.status in FINISHED or first.status not in FINISHED:
         return Run(second, used / 10, first.cost.seconds)
     return Run(first, used, second.cost.seconds)
-
-
-def _tolerance(response: Response, ask: Ask) -> float:
-    """The tolerance that a run used; NaN for a fixed step."""
-    method = METHODS.get(response.method)
-    if method is None or not method.adaptive:
-        return NAN
-    return ask.tolerance or method.tolerance
 
 
 def baseline_ask(ask: Ask, response: Response, name: str = "") -> Ask:

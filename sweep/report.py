@@ -298,3 +298,17 @@ def outlook(missing: int, rate: float, age: float) -> str:
     if rate <= 0 or age > 600:
         return f"{missing} points to go; no run has written a row in the last ten minutes"
     return f"{missing} points to go, about {duration(missing / rate)} at the present pace"
+
+
+def charted(data: xr.Dataset, console: Console) -> str:
+    """The runs of a chart that are worth their seconds, and the cheapest for each accuracy."""
+    runs = data.to_dataframe()
+    best = runs[runs["envelope"].astype(bool)].sort_values("seconds")
+    columns = ("model", "method", "segments", "knob", "error", "estimated", "seconds")
+    numbers = ("segments", "knob", "error", "estimated_error", "seconds")
+    rows = [(r["model"], r["method"], *(number(r[name]) for name in numbers)) for _, r in best.iterrows()]
+    kind = "chaotic: waveforms do not converge" if data.attrs["chaotic"] else f"{data.attrs['uncertainty']:.1e}"
+    head = f"reference  {data.attrs['reference']}\nuncertainty  {kind}"
+    wrong = runs[(runs["status"] == "OK") & (runs["error"] > 3 * np.fmax(runs["estimated_error"], 0.05))]
+    said = f"{len(wrong)} trusted runs err by more than three times what they estimate" if len(wrong) else ""
+    return "\n".join(x for x in (head, table("worth their seconds", columns, rows, console), said) if x)

@@ -12,7 +12,7 @@ import numpy as np
 import pytest
 from study_kit import response, scene
 
-from solvers import Ask, CannotRepresent, Cost, PointMass, Status
+from solvers import METHODS, Ask, CannotRepresent, Cost, PointMass, Status
 from sweep import evaluate as package_evaluate
 from sweep.config import MetricSettings
 from sweep.evaluate import clear_baselines, evaluate, evaluate_with_series
@@ -45,7 +45,9 @@ class Solver:
         found = response(np.outer(size * np.exp(-T), SHAPE), T, stroke=stroke, status=status)
         seconds = 1.0 if ask.tolerance is None else 10.0
         method = "dopri5" if ask.method == "auto" else ask.method
-        return replace(found, cost=Cost(steps=7, evaluations=49, seconds=seconds), method=method)
+        adapts = METHODS[method].adaptive
+        used = (ask.tolerance or METHODS[method].tolerance) if adapts else float("nan")
+        return replace(found, cost=Cost(steps=7, evaluations=49, seconds=seconds), method=method, tolerance=used)
 
     @property
     def alive(self):

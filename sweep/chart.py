@@ -1,0 +1,289 @@
+"""Error against cost: every line and method that can do a scene, over meshes and steps or tolerances.
+
+All runs are measured against one reference, which a coarser mesh, a looser tolerance and another method check. The
+meshes at the finest knob show the error in space, the knobs on the finest mesh the error in time, and the lower
+envelope of the trusted runs what is worth its seconds. Where waveforms do not converge (chaos), metrics are means over
+perturbed runs, and errors in them are beside their standard errors.
+"""
+
+from __future__ import annotations
+
+import math
+import time
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import numpy as np
+import pandas as pd
+import xarray as xr
+
+from solvers import METHODS, MODELS, Ask, CannotRepresent, Feature, Response, Scene, pilot, solve
+from solvers.catalogue import can_march, can_settle, needs
+
+from .config import METRICS, ConfigError, MetricSettings, load_scene, load_study, read_yaml
+from .metrics import Summary, compute, summarise
+from .mistakes import ABSENT, Mistake
+from .space import baseline_scene, designs, make_point
+from .store import write_whole
+
+NAN = float("nan")
+UNCERTAINTY = 1e-3  # wanted of the reference
+TOLERANCES = (100.0, 10.0, 1.0, 0.1)  # times a method's default
+STEPS = 6  # each half the last, the first a twelfth of the shortest period of the motion
+MESHES = 9  # at most, each sqrt(2) times as fine as the last
+COARSEST = 10  # segments
+AGAIN = 0.5  # shorter runs are timed twice more, and the fastest one counts [s]
+LONGEST = 20.0  # a run may take, by the last mesh's or knob's seconds [s]
+ENSEMBLE = 8  # perturbed runs where waveforms do not converge
+Say = Callable[[str], object]
+
+
+@dataclass(frozen=True, kw_only=True)
+class Case:
+    """One scene and what is asked of it."""
+
+    name: str
+    scene: Scene
+    ask: Ask  # model, method, mesh and knobs are free
+    settings: MetricSettings
+
+
+def load_case(path: str | Path, duration: float | None = None) -> Case:
+    """A study's first design, or a scene alone with a `duration` [s]; ConfigError lists every mistake."""
+    path = Path(path)
+    raw, mistakes = read_yaml(path)
+    if raw is ABSENT:
+        raise ConfigError(mistakes, str(path))
+    if isinstance(raw, dict) and "scene" in raw:
+        study = load_study(path)
+        point = make_point(study, 0, 0, designs(study, 1)[0])
+        length = point.ask.duration if duration is None else duration
+        ask = replace(
+            point.ask, segments=None, model="auto", method="auto", step=None, tolerance=None, duration=length
+        )
+        return Case(name=study.name or path.stem, scene=point.scene, settings=point.settings, ask=ask)
+    scene = load_scene(path)
+    if duration is None:
+        problem = "a scene alone does not say for how long it is to run"
+        raise ConfigError([Mistake("duration", ABSENT, problem, "give --duration in s, or a study")], str(path))
+    ask = Ask(duration=duration, interval=duration / 1000 if duration else 1.0)
+    return Case(name=path.stem, scene=scene, ask=ask, settings=MetricSettings())
+
+
+def able(case: Case) -> list[str]:
+    """Lines that have what the scene needs."""
+    wanted = needs(case.scene, case.ask)
+    return [name for name, line in MODELS.items() if not wanted & ~line.features]
+
+
+def methods_of(case: Case, model: str) -> list[str]:
+    """Methods that can march a line, or settle it where the motion is periodic and the window past its ramps."""
+    if case.ask.duration <= 0:
+        return ["auto"]
+    found = [name for name in METHODS if name != "harmonic" and can_march(model, name)]
+    settles = can_settle(case.scene, case.ask) and not MODELS[model].constrained
+    return [*found, "harmonic"] if settles else found
+
+
+# --------------------------------------------------------------------------- the reference
+
+
+class Reference(NamedTuple):
+    """The converged run and how far it can be trusted."""
+
+    response: Response
+    metrics: dict[str, float]
+    base: Summary | None  # of the baseline, for metrics that are ratios
+    uncertainty: float  # relative, of the transverse response
+    spreads: dict[str, float]  # relative differences of the metrics between the reference and its checks
+    how: str
+    chaotic: bool
+
+
+def timed(scene: Scene, ask: Ask) -> tuple[Response, float]:
+    """A run and the processor seconds of the whole call, from the scene to the signals."""
+    begun = time.process_time()
+    response = solve(scene, ask)
+    return response, time.process_time() - begun
+
+
+def metrics_of(case: Case, response: Response, base: Summary | None) -> dict[str, float]:
+    """Finite metrics of a run."""
+    summary = summarise(response, case.scene, case.settings)
+    found = compute(summary, base, len(case.scene.devices))
+    return {name: value for name, value in found.items() if name in METRICS and math.isfinite(value)}
+
+
+def apart(found: dict[str, float], truth: dict[str, float]) -> dict[str, float]:
+    """Relative differences of metrics; absolute where the truth is zero."""
+    return {name: abs(found.get(name, NAN) - x) / (abs(x) or 1.0) for name, x in truth.items()}
+
+
+def reference(case: Case, models: Sequence[str], wanted: float, say: Say = lambda text: None) -> Reference:
+    """Pilots of the line with the highest order find the mesh and tolerance for `wanted`; then the mesh is made half as
+    fine again and the tolerance a tenth. A mesh sqrt(2) coarser, the pilots' tolerance and another method check it.
+
+    Raises
+    ------
+    ConfigError
+        Where no line runs to the end.
+    """
+    large = [name for name in models if Feature.LARGE_MOTION in MODELS[name].features] or list(models)
+    model = max(large, key=lambda name: (MODELS[name].order, not MODELS[name].constrained))
+    first = solve(case.scene, replace(case.ask, model=model, accuracy=wanted))
+    if first.status not in pilot.ENDED:
+        problem = f"{model} ended {first.status.name}: {first.message}"
+        raise ConfigError([Mistake("scene", ABSENT, problem, "mend the scene or shorten the run")], case.name)
+    say(f"pilots of the reference: {first.reason}")
+    fine = replace(case.ask, model=model, method=first.method, segments=math.ceil(1.5 * first.segments))
+    tolerance = first.tolerance / 10 if math.isfinite(first.tolerance) else None
+    best = solve(case.scene, replace(fine, tolerance=tolerance))
+    coarse = math.ceil((fine.segments or 2) / math.sqrt(2))
+    checks = [(f"{coarse} segments", replace(fine, segments=coarse, tolerance=tolerance))]
+    if tolerance is not None:
+        checks.append(("ten times the tolerance", replace(fine, tolerance=first.tolerance)))
+    for method in methods_of(case, model):
+        if METHODS.get(method, METHODS["rk4"]).adaptive and method not in (first.method, "harmonic"):
+            checks.append((method, replace(fine, method=method, tolerance=METHODS[method].tolerance / 10)))
+    runs = [(what, solve(case.scene, ask)) for what, ask in checks]
+    gaps = [pilot.gap(run, best) for _, run in runs]
+    base_scene = baseline_scene(case.scene, case.settings.baseline)
+    base_run = best if base_scene == case.scene else solve(base_scene, replace(fine, tolerance=tolerance))
+    base = summarise(base_run, base_scene, case.settings, case.scene.cable)
+    truth = metrics_of(case, best, base)
+    spreads = dict.fromkeys(truth, 0.0)
+    for _, run in runs:
+        spreads = {name: max(spreads[name], x) for name, x in apart(metrics_of(case, run, base), truth).items()}
+    how = f"{model}, {best.method}, {best.segments} segments; " + ", ".join(
+        f"{what} {found:.1e}" for (what, _), found in zip(runs, gaps, strict=True)
+    )
+    uncertainty = max(gaps, default=NAN)
+    chaotic = first.chaotic or not uncertainty < pilot.CHAOTIC
+    say(f"reference: {how}")
+    return Reference(best, truth, base, uncertainty, spreads, how, chaotic)
+
+
+# --------------------------------------------------------------------------- the runs
+
+
+def knobs_of(case: Case, method: str) -> list[float]:
+    """Tolerances of an adaptive method, steps of a fixed-step one [s], from loose to tight; NaN at rest."""
+    if method not in METHODS:
+        return [NAN]
+    if METHODS[method].adaptive:
+        return [factor * METHODS[method].tolerance for factor in TOLERANCES]
+    omega = MODELS[able(case)[0]].build(case.scene, COARSEST, **more(case, able(case)[0])).omega
+    longest = 2 * math.pi / omega / 12 if omega > 0 else case.ask.duration / 200
+    return [longest / 2**k for k in range(STEPS)]
+
+
+def more(case: Case, model: str) -> dict[str, Any]:
+    """What else a line's builder takes."""
+    return {"ask": case.ask} if MODELS[model].constrained else {}
+
+
+def scan(
+    case: Case, truth: Reference, models: Sequence[str], longest: float = LONGEST, say: Say = lambda text: None
+) -> Iterator[dict[str, Any]]:
+    """Run everything, a row each. No mesh is refined and no knob turned beyond a run of a third of `longest` [s]."""
+    meshes = [round(COARSEST * math.sqrt(2) ** k) for k in range(MESHES)]
+    for model in models:
+        for method in methods_of(case, model):
+            spent: dict[float, float] = {}  # seconds on the last mesh, by knob
+            for segments in meshes:
+                slowest = 0.0
+                for knob in knobs_of(case, method):
+                    if max(spent.get(knob, 0.0), slowest) > longest / 3:
+                        continue
+                    row = one(case, truth, model, method, segments, knob)
+                    if row is None:
+                        break
+                    spent[knob] = slowest = row["seconds"]
+                    yield row
+            say(f"{model}, {method}: done")
+
+
+def one(
+    case: Case, truth: Reference, model: str, method: str, segments: int, knob: float
+) -> dict[str, Any] | None:
+    """The row of a run; None where the line refuses."""
+    ask = replace(case.ask, model=model, method=method, segments=segments)
+    if math.isfinite(knob):
+        ask = replace(ask, tolerance=knob) if METHODS[method].adaptive else replace(ask, step=knob)
+    try:
+        response, seconds = timed(case.scene, ask)
+    except CannotRepresent:
+        return None
+    for _ in range(2 if seconds < AGAIN else 0):
+        response, again = timed(case.scene, ask)
+        seconds = min(seconds, again)
+    return measured(case, truth, "cable-sweep", model, method, segments, knob, response, seconds)
+
+
+def measured(
+    case: Case, truth: Reference, program: str, model: str, method: str, segments: int, knob: float,
+    response: Response, seconds: float,
+) -> dict[str, Any]:  # fmt: skip
+    """A row: what ran, how it ended, its errors and its cost."""
+    errors = apart(metrics_of(case, response, truth.base), truth.metrics)
+    return {
+        "program": program, "model": model, "method": response.method or method, "segments": segments, "knob": knob,
+        "status": response.status.name, "seconds": seconds, "march_seconds": response.cost.seconds,
+        "error": pilot.gap(response, truth.response), "estimated_error": response.estimated_error,
+        "energy_residual": response.energy_residual, **{f"error_{name}": x for name, x in errors.items()},
+    }  # fmt: skip
+
+
+def envelope(table: pd.DataFrame, error: str = "error") -> pd.Series:
+    """Which trusted runs no other trusted run of this program beats in both error and seconds."""
+    good = (table["status"] == "OK") & np.isfinite(table[error]) & (table["program"] == "cable-sweep")
+    chosen = pd.Series(False, index=table.index)
+    best = math.inf
+    for i in table[good].sort_values(["seconds", error]).index:
+        if table.at[i, error] < best:
+            chosen[i], best = True, table.at[i, error]
+    return chosen
+
+
+def cheapest_for(table: pd.DataFrame, wanted: float) -> pd.Series | None:
+    """The cheapest trusted run of this program whose error is at most `wanted`."""
+    good = table[(table["status"] == "OK") & (table["error"] <= wanted) & (table["program"] == "cable-sweep")]
+    return None if good.empty else good.loc[good["seconds"].idxmin()]
+
+
+# --------------------------------------------------------------------------- the whole chart
+
+
+def chart(
+    case: Case, directory: Path, models: Sequence[str] = (), uncertainty: float = UNCERTAINTY,
+    longest: float = LONGEST, say: Say = lambda text: None,
+) -> xr.Dataset:  # fmt: skip
+    """Reference, runs and envelope of a case: `chart.csv`, `chart.nc` and `chart.png` in `directory`.
+
+    Raises
+    ------
+    ConfigError
+        Where no line can do the scene, or none of the named ones.
+    """
+    names = [name for name in able(case) if not models or name in models]
+    if not names:
+        problem = f"none of {', '.join(models) or 'the models'} can represent it"
+        raise ConfigError([Mistake("scene", ABSENT, problem, "`sweep models` tells what each can")], case.name)
+    truth = reference(case, names, uncertainty, say)
+    table = pd.DataFrame(list(scan(case, truth, names, longest, say)))
+    table["envelope"] = envelope(table)
+    data = xr.Dataset.from_dataframe(table.rename_axis("run"))
+    units = {"seconds": "s", "march_seconds": "s", "knob": "1 or s"}
+    for name in data:
+        data[name].attrs["units"] = units.get(str(name), "1")
+    data.attrs = {
+        "case": case.name, "reference": truth.how, "uncertainty": truth.uncertainty, "chaotic": int(truth.chaotic),
+    }  # fmt: skip
+    for name, value in truth.metrics.items():
+        data.attrs[f"reference_{name}"], data.attrs[f"spread_{name}"] = value, truth.spreads[name]
+    directory.mkdir(parents=True, exist_ok=True)
+    write_whole(directory / "chart.nc", lambda place: data.to_netcdf(place, engine="netcdf4"))
+    write_whole(directory / "chart.csv", lambda place: table.to_csv(place, index=False))
+    return data
