@@ -28,7 +28,7 @@ REACH = 3.2  # largest step times |eigenvalue| of the explicit 5(4) pair, whose 
 RING = 0.35  # largest step times the highest transverse frequency where devices ring it
 TAUT = 0.5  # largest step times device frequency while a cord is taut: six steps in the shortest impact
 UNGUIDED = 60  # segments where no excitation sets a wave length
-FIRST = 20  # segments of the first pilot where no excitation sets a wave length
+FIRST = 20  # most segments of the first pilot
 LOOSE = 10.0  # times its default: the first tolerance of an adaptive method that pilots tune
 STEPS_PER_PERIOD = 12.0  # a fixed-step method needs this many in the shortest period that matters
 
@@ -289,13 +289,20 @@ def solve(scene: sc.Scene, ask: Ask) -> Response:
         Before the run, for a choice that cannot represent the scene. Whatever goes wrong in the run is a Status.
     """
     choice = cheapest(scene, ask)
-    response = run(scene, ask, choice) if ask.segments else piloted(scene, ask, choice)
+    going = run if ask.segments or impacts(scene) else piloted
+    response = going(scene, ask, choice)
     if choice.method == "harmonic" and ask.method == "auto" and not response.trusted:
         method, how = marching(scene, ask, choice.segments, choice.model)
         reason = f"{how}; harmonic balance gave {response.status.name}: {response.message}"
         choice = choice._replace(method=method, reason=reason)
-        response = run(scene, ask, choice) if ask.segments else piloted(scene, ask, choice)
+        response = going(scene, ask, choice)
     return response
+
+
+def impacts(scene: sc.Scene) -> bool:
+    """Whether devices strike: waveforms then decorrelate within some 0.3 s, and no pilot could say how wrong they are;
+    the mesh is chosen by the nodes in the shortest wave."""
+    return any(device.kind in ("bnes", "bnes_free") for device in scene.devices)
 
 
 def ways(scene: sc.Scene, ask: Ask, choice: Choice) -> list[pilot.Way]:
@@ -342,7 +349,7 @@ def piloted(scene: sc.Scene, ask: Ask, choice: Choice) -> Response:
         plan = choice._replace(model=way.model, method=way.method, segments=segments, error=math.nan)
         return run(scene, asked, plan)
 
-    first = min(choice.segments, FIRST) if math.isnan(choice.error) else max(8, round(choice.segments / 2))
+    first = min(FIRST, max(pilot.LEAST, choice.segments // 2))
     found = pilot.refine(attempt, ways(scene, ask, choice), ask.accuracy, first)
     response = found.response
     if found.chaotic:
@@ -352,9 +359,10 @@ def piloted(scene: sc.Scene, ask: Ask, choice: Choice) -> Response:
         message = f"{note}; {response.message}".rstrip("; ")
         return replace(response, message=message, estimated_error=math.nan, chaotic=True)
     error = max(found.error, response.estimated_error)  # the second is what kinematics, joints and series leave out
+    because = "".join(f"{why}; " for why in (representing(scene, ask)[1] if ask.model == "auto" else "",) if why)
     share = found.work / max(1.0, pilot.work(found.way, response))
     reason = (
-        f"{choice.reason}; {found.way.method} on {found.segments} segments for an estimated error of {found.error:.2g} "
+        f"{because}{found.way.method} on {found.segments} segments for an estimated error of {found.error:.2g} "
         f"({found.late:.1g} in time), by {found.runs} pilots of {share:.1f} times its work"
     )
     response = replace(response, reason=reason, estimated_error=error)
@@ -382,7 +390,7 @@ def run(scene: sc.Scene, ask: Ask, choice: Choice) -> Response:
         )
     small = model.range_error() if ask.duration > 0 else 0.0
     _in_range(choice.model, small, "that of the ends", ask)
-    choice = choice._replace(error=float(np.nanmax([choice.error, small])))
+    choice = choice._replace(error=float(np.fmax(choice.error, small or math.nan)))
     common: dict[str, Any] = {
         "model": choice.model, "method": choice.method, "segments": choice.segments, "reason": choice.reason,
         "estimated_error": choice.error, "tolerance": tolerance_of(choice.method, ask),

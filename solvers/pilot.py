@@ -21,7 +21,8 @@ SAFETY = 1.25  # on an error that is extrapolated from coarser meshes
 SHARE = 0.25  # of the accuracy asked that time stepping may take
 GROWTH, LEAST_GROWTH = 3.0, 1.3  # by which one pilot's mesh exceeds the last one's
 LEAST = 8  # segments
-FINEST = 20_000  # segments
+STAGES = 6  # evaluations in an explicit step
+FINEST, MOST_WORK = 20_000, 1e10  # segments, and counted operations of all pilots (minutes)
 TIGHTEST = 1e-10  # tolerance
 CHAOTIC = 0.3  # two tolerances whose waveforms differ by more twice over have nothing in common
 ENDED = frozenset({Status.OK, Status.UNRESOLVED, Status.COARSE_STEP, Status.ENERGY_OPEN, Status.FEW_HARMONICS})
@@ -171,7 +172,10 @@ def refine(attempt: Attempt, ways: list[Way], accuracy: float, first: int) -> Re
     """
     pilots = Pilots(attempt)
     offers = []
-    for way in ways:
+    for way in sorted(ways, key=lambda way: way.least_steps(first)):
+        floor = way.price * STAGES * way.least_steps(first) * (first + 1)
+        if offers and floor > 5 * min(offer[0] for offer in offers):
+            continue  # too dear to try
         knob, late = in_time(pilots, way, first, SHARE * accuracy)
         if not late <= CHAOTIC:
             continue
@@ -207,7 +211,8 @@ def in_space(pilots: Pilots, way: Way, first: int, knob: float, wanted: float) -
             p = order_seen(meshes[-3:], apart[-2:], way.order)
         error = SAFETY * apart[-1] / ((fine / coarse) ** p - 1)
         usable = apart[-1] < 1.0
-        if (usable and error <= wanted) or fine >= FINEST or pilots(way, fine, knob).status not in ENDED:
+        good = usable and error <= wanted
+        if good or fine >= FINEST or pilots(way, fine, knob).status not in ENDED or pilots.work > MOST_WORK:
             break
         growth = min(GROWTH, max(LEAST_GROWTH, 1.05 * (error / wanted) ** (1 / p))) if usable else 2.0
         meshes.append(min(FINEST, math.ceil(fine * growth)))
