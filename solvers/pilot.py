@@ -171,7 +171,7 @@ def refine(attempt: Attempt, ways: list[Way], accuracy: float, first: int) -> Re
     first : segments of the first pilot
     """
     pilots = Pilots(attempt)
-    offers = []
+    offers: list[tuple[float, Way, float, float]] = []
     for way in sorted(ways, key=lambda way: way.least_steps(first)):
         floor = way.price * STAGES * way.least_steps(first) * (first + 1)
         if offers and floor > 5 * min(offer[0] for offer in offers):
