@@ -15,7 +15,7 @@ from . import scene as sc
 from .catenary import catenary_of
 from .dispatch import GRAVITY, N_ENERGIES, STRAIN, call_energies, call_residual, has
 from .geometry import basis_of
-from .lines import local, lumped, rod
+from .lines import hermite, local, lumped, rod
 from .methods import explicit, floquet, harmonic, implicit, statics
 from .methods.march import C_EVALUATIONS, C_FACTORS, C_REJECTED, C_STEPS, LEDGER, make_ends, make_output
 from .model import REMEDY, Ask, CannotRepresent, Cost, Feature, Response, Status
@@ -55,6 +55,12 @@ MODELS: dict[str, Line] = {
         F.BENDING | F.SEABED | F.DRAG | F.CURRENT | F.SLACK | F.DEVICE | F.FREE_DEVICE | F.ROD | F.MOTION | F.TRANSIENT
         | F.PERIODIC | F.LARGE_MOTION | F.SPATIAL | F.DAMPING,
         "lumped masses joined by springs, planar or spatial, with devices (paper 003)",
+    ),
+    "hermite": Line(
+        hermite.build,
+        F.BENDING | F.SEABED | F.DRAG | F.CURRENT | F.SLACK | F.MOTION | F.TRANSIENT | F.PERIODIC | F.LARGE_MOTION
+        | F.DAMPING,
+        "cubic elements with position and slope at every node, planar, without devices",
     ),
     "local": Line(
         local.build,
