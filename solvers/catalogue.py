@@ -16,7 +16,7 @@ from .catenary import catenary_of
 from .dispatch import GRAVITY, N_ENERGIES, STRAIN, call_energies, call_residual, has
 from .geometry import basis_of
 from .lines import hermite, local, lumped, rod
-from .methods import explicit, floquet, harmonic, implicit, statics
+from .methods import esdirk, explicit, floquet, harmonic, implicit, statics
 from .methods.march import C_EVALUATIONS, C_FACTORS, C_REJECTED, C_STEPS, LEDGER, make_ends, make_output
 from .model import REMEDY, Ask, CannotRepresent, Cost, Feature, Response, Status
 
@@ -97,6 +97,9 @@ METHODS: dict[str, Method] = {
     "genalpha": Method((*_IMPLICIT, "tangent"), False, 0.0, "generalised-alpha, order 2, fixed step, Newton"),
     "trbdf2": Method(
         (*_IMPLICIT, "tangent"), True, 1e-5, "TR-BDF2, order 2, implicit, error control in the energy norm"
+    ),
+    "esdirk4": Method(
+        (*_IMPLICIT, "tangent"), True, 1e-4, "ESDIRK 4(3), implicit, error control in the energy norm: smooth motion"
     ),
     "harmonic": Method(
         ("drive", "residual", "tangent", "energies"), True, 5e-4,
@@ -470,9 +473,12 @@ def marched(
             table = RUNGE_KUTTA[name]
             work = explicit.make_work(table, model.ndof, model.n_gaps)
             return int(explicit.march(pack, s, out, work, pieces, table, *limits, ask.max_steps))
+        steps = (limits.first, limits.tolerance, limits.most, limits.least, limits.floor)
+        if name == "esdirk4":
+            work = esdirk.make_work(model.ndof, pack.bw)
+            return int(esdirk.march(pack, s, out, work, esdirk.TABLE, pieces, *steps, ask.max_steps))
         newton = implicit.make_work(model.ndof, pack.bw)
         if name == "trbdf2":
-            steps = (limits.first, limits.tolerance, limits.most, limits.least, limits.floor)
             return int(implicit.tr_bdf2(pack, s, out, newton, pieces, *steps, ask.max_steps))
         first, floor = limits.first, limits.floor
         return int(implicit.generalised_alpha(pack, s, out, newton, pieces, first, ask.rho, floor, ask.max_steps))

@@ -8,9 +8,10 @@ per unstretched metre, so that N and M are conjugate to them and V = int 1/2 EA 
 depends on the turning alone, as that of the lumped line, 1/2 EI theta2/l. (r' x r''/|r'|^3 would be the curvature per
 stretched metre.) With w = c/p2 the rates are dk = Im(dc/p - w dp) and d2k = Im(2 w/p dp dp - 2/p2 dp dc).
 
-Elements are cubic with r and r' at their ends, continuous in both. Everything is integrated at three Gauss points: fewer
-lose the tension's share of the transverse stiffness, and more would ask for more axial strains to vanish in bending
-than the slopes can follow. The stretch of bending is then followed up to h^3 (x'^2)''', and EA h^6 does not lock.
+Elements are cubic with r and r' at their ends, continuous in both. Everything is integrated at three Gauss points:
+fewer lose the tension's share of the transverse stiffness, and more would ask for more axial strains to vanish in
+bending than the slopes can follow. The stretch that bending leaves is of the order h^3 d3(x'^2)/ds3: its energy, EA h^6,
+does not lock.
 Only the inertia of mass and normal added mass is integrated exactly, see `params.inertia_of`; what the tangential
 added mass differs by turns with the line. Slopes are continuous: where EA jumps between sections the tension is off
 by the jump of strain in the two elements beside it.
@@ -173,7 +174,6 @@ def forces(q, v, pack, r):
 @kernel
 def push_inertia(q, a, e, pack, r):
     """r += M a of element e."""
-    k = 4 * e
     dx, dz, ax, az, bx, bz, x, z = gather(a, e, pack)
     M = pack.inertia[e]
     fx = M[0, 2] * x + M[1, 2] * ax + M[2, 2] * (x + dx) + M[2, 3] * bx
@@ -435,7 +435,7 @@ def inner_rate(y, w, e, g, cq, cv, pack):
 
 @kernel
 def outer_rate(q, v, a, e, g, cq, cv, ca, pack):
-    """Rates of the water's, the bed's and the swinging mass's force at a Gauss point, per metre, with r (its velocity and
+    """Rates of the force of water, bed and swinging mass at a Gauss point, per metre, with r (its velocity and
     acceleration) and with p: two blocks (xx, xz, zx, zz)."""
     S = pack.shape
     y, w, b = gather(q, e, pack), gather(v, e, pack), gather(a, e, pack)

@@ -41,7 +41,7 @@ BEST = np.array([0.5 - math.sqrt(1 / 12), 0.5 + math.sqrt(1 / 12)])  # where r''
 
 @njit(cache=True)
 def sample(q, v, pack, h, ratio, shape, bent, position, velocity, tension, curvature):
-    """Position and velocity at the stations, tension at Gauss points, curvature (signed) at `bent`, of states (nt, ndof).
+    """Position and velocity at the stations, tension at Gauss points, signed curvature at `bent`, of states (nt, ndof).
 
     h : (m,) length of the elements [m], ratio : (m,) the same over the scale of the slopes; shape : (stations, 3)
     functions of r, bent : (points, 6) of its first two derivatives, on the unit element.
