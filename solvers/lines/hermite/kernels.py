@@ -8,10 +8,11 @@ per unstretched metre, so that N and M are conjugate to them and V = int 1/2 EA 
 depends on the turning alone, as that of the lumped line, 1/2 EI theta2/l. (r' x r''/|r'|^3 would be the curvature per
 stretched metre.) With w = c/p2 the rates are dk = Im(dc/p - w dp) and d2k = Im(2 w/p dp dp - 2/p2 dp dc).
 
-Elements are cubic with r and r' at their ends, continuous in both. Everything is integrated at three Gauss points:
-fewer lose the tension's share of the transverse stiffness, and more would ask for more axial strains to vanish in
-bending than the slopes can follow. The stretch that bending leaves is of the order h^3 d3(x'^2)/ds3: its energy, EA h^6,
-does not lock.
+Elements are cubic with r and r' at their ends, continuous in both, and integrated at three Gauss points: fewer lose
+the tension's share of the transverse stiffness. Three strains in each element are one more than the slopes can follow
+when the line bends without stretching, which locks it where EA is far above EI/h2. So the third, of shape P2, has the
+stiffness EI/h2 at most: enough for slopes that all grow alike, which stretch nothing else, to swing as fast as the
+shortest waves. It costs an elastica 1e-6 at eight elements. A section that does not bend or goes slack keeps EA there.
 Only the inertia of mass and normal added mass is integrated exactly, see `params.inertia_of`; what the tangential
 added mass differs by turns with the line. Slopes are continuous: where EA jumps between sections the tension is off
 by the jump of strain in the two elements beside it.
@@ -93,6 +94,36 @@ def pull(e, stretch, rate, pack):
     return tension
 
 
+@kernel
+def third(y, w, e, pack):
+    """Third Legendre component of an element's strain, c = (e_0 - 2 e_1 + e_2)/1.8 of its Gauss points, and its rate."""
+    S = pack.shape
+    c, rate = 0.0, 0.0
+    for g in range(3):
+        px, pz = at(y, S[e, g, 3], S[e, g, 4], S[e, g, 5])
+        ux, uz = at(w, S[e, g, 3], S[e, g, 4], S[e, g, 5])
+        size = math.sqrt(px * px + pz * pz)
+        share = -2.0 / 1.8 if g == 1 else 1.0 / 1.8
+        c += share * size
+        rate += share * (px * ux + pz * uz) / size if size > 0.0 else 0.0
+    return c, rate
+
+
+@kernel
+def relief(y, w, e, pack):
+    """What an element's third strain lacks in tension, over the Legendre function P2."""
+    if pack.yields[e] == 0.0:
+        return 0.0
+    c, rate = third(y, w, e, pack)
+    return pack.yields[e] * c + pack.relents[e] * rate
+
+
+@kernel
+def p2(g):
+    """P2 at the Gauss points."""
+    return -0.5 if g == 1 else 0.4
+
+
 # ------------------------------------------------------------------------------------------------- forces
 
 
@@ -106,6 +137,7 @@ def forces(q, v, pack, r):
     for e in range(len(pack.EA)):
         y, w = gather(q, e, pack), gather(v, e, pack)
         fx, fz, ax, az, bx, bz, gx, gz = 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0
+        less = relief(y, w, e, pack)
         for g in range(3):
             ds = S[e, g, 9]
             n, na, nb = S[e, g, 3], S[e, g, 4], S[e, g, 5]
@@ -114,7 +146,7 @@ def forces(q, v, pack, r):
             size = math.sqrt(px * px + pz * pz)
             inverse = 1.0 / size if size > 0.0 else 0.0
             tx, tz = px * inverse, pz * inverse
-            tension = ds * pull(e, size - 1.0, tx * ux + tz * uz, pack)
+            tension = ds * (pull(e, size - 1.0, tx * ux + tz * uz, pack) - p2(g) * less)
             sx, sz = tension * tx, tension * tz
             if bends:
                 m, ma, mb = S[e, g, 6], S[e, g, 7], S[e, g, 8]
@@ -383,7 +415,7 @@ def turning_rate(u, t, a, cn, ct, swing):
 
 
 @kernel
-def inner_rate(y, w, e, g, cq, cv, pack):
+def inner_rate(y, w, less, e, g, cq, cv, pack):
     """Rates of the forces on p and c with p and c at a Gauss point, per metre: (pp, pc, cp) as (xx, xz, zx, zz), cc."""
     S = pack.shape
     px, pz = at(y, S[e, g, 3], S[e, g, 4], S[e, g, 5])
@@ -395,7 +427,7 @@ def inner_rate(y, w, e, g, cq, cv, pack):
     tension = pull(e, size - 1.0, rate, pack)
     axx, axz, azx, azz = 0.0, 0.0, 0.0, 0.0
     if pack.push[e] or tension > 0.0:
-        along, across = cq * pack.EA[e] + cv * pack.BA[e], cq * tension * inverse
+        along, across = cq * pack.EA[e] + cv * pack.BA[e], cq * (tension - p2(g) * less) * inverse
         damp = cq * pack.BA[e] * inverse
         hx, hz = along * tx + damp * (ux - rate * tx), along * tz + damp * (uz - rate * tz)
         axx = tx * hx + across * tz * tz
@@ -502,11 +534,12 @@ def stiffen_element(q, v, a, e, cq, cv, ca, pack):
     K, X, S = pack.K, pack.X, pack.shape
     y, w = gather(q, e, pack), gather(v, e, pack)
     surrounded = len(pack.cn) > 0 or len(pack.bed) > 0 or len(pack.swing) > 0
+    less = relief(y, w, e, pack)
     for g in range(3):
         ds = S[e, g, 9]
         X[:] = 0.0
         if cq != 0.0 or cv != 0.0:
-            pp, pc, cp, cc = inner_rate(y, w, e, g, cq, cv, pack)
+            pp, pc, cp, cc = inner_rate(y, w, less, e, g, cq, cv, pack)
             fill(X, 2, S, e, g, ds, pp, 3)
             fill(X, 2, S, e, g, ds, pc, 6)
             fill(X, 4, S, e, g, ds, cp, 3)
@@ -527,12 +560,43 @@ def stiffen_element(q, v, a, e, cq, cv, ca, pack):
             for m in range(2):
                 for k in range(8):
                     K[m, k] += X[m, k]
+    if pack.yields[e] > 0.0 and (cq != 0.0 or cv != 0.0):
+        relieve(y, w, e, cq, cv, pack)
     for k in range(8):  # r_1 - r_0
         K[0, k] -= K[4, k]
         K[1, k] -= K[5, k]
     for k in range(8):
         K[k, 0] -= K[k, 4]
         K[k, 1] -= K[k, 5]
+
+
+@kernel
+def relieve(y, w, e, cq, cv, pack):
+    """pack.K -= rates of the third strain's relief of tension; half the weight of P2 squared over the element is h/5."""
+    K, X, S = pack.K, pack.X, pack.shape
+    X[:] = 0.0
+    length = 0.0
+    for g in range(3):  # rows 0, 1: gradient of c and of its rate
+        length += 0.2 * S[e, g, 9]
+        px, pz = at(y, S[e, g, 3], S[e, g, 4], S[e, g, 5])
+        ux, uz = at(w, S[e, g, 3], S[e, g, 4], S[e, g, 5])
+        size = math.sqrt(px * px + pz * pz)
+        inverse = 1.0 / size if size > 0.0 else 0.0
+        tx, tz = px * inverse, pz * inverse
+        rate = tx * ux + tz * uz
+        share = -2.0 / 1.8 if g == 1 else 1.0 / 1.8
+        for j in range(3):
+            n = share * S[e, g, 3 + j]
+            k = 4 if j == 0 else 2 if j == 1 else 6
+            X[0, k] += n * tx
+            X[0, k + 1] += n * tz
+            X[1, k] += n * (ux - rate * tx) * inverse
+            X[1, k + 1] += n * (uz - rate * tz) * inverse
+    along = length * (cq * pack.yields[e] + cv * pack.relents[e])
+    damp = length * cq * pack.relents[e]
+    for i in range(2, 8):
+        for j in range(2, 8):
+            K[i, j] -= X[0, i] * (along * X[0, j] + damp * X[1, j])
 
 
 def tangent(t, q, v, a, cq, cv, ca, pack, J):
@@ -565,6 +629,11 @@ def energies(t, q, v, a, pack, e):
     for m in range(len(pack.EA)):
         y, w = gather(q, m, pack), gather(v, m, pack)
         e[KINETIC] += element_kinetic(w, m, pack)
+        if pack.yields[m] > 0.0:
+            c, rate = third(y, w, m, pack)
+            length = 0.2 * (S[m, 0, 9] + S[m, 1, 9] + S[m, 2, 9])
+            e[STRAIN] -= 0.5 * length * pack.yields[m] * c * c
+            e[CABLE] -= length * pack.relents[m] * rate * rate
         for g in range(3):
             ds = S[m, g, 9]
             px, pz = at(y, S[m, g, 3], S[m, g, 4], S[m, g, 5])

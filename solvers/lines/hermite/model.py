@@ -60,12 +60,13 @@ def sample(q, v, pack, h, ratio, shape, bent, position, velocity, tension, curva
             if e == last:
                 for m in range(2):
                     position[k, -1, m], velocity[k, -1, m] = y[6 + m] + y[m], w[6 + m] + w[m]
+            less = kernels.relief(y, w, e, pack)
             for g in range(3):
                 px, pz = kernels.at(y, S[e, g, 3], S[e, g, 4], S[e, g, 5])
                 ux, uz = kernels.at(w, S[e, g, 3], S[e, g, 4], S[e, g, 5])
                 size = math.sqrt(px * px + pz * pz)
                 rate = (px * ux + pz * uz) / size if size > 0.0 else 0.0
-                tension[k, e, g] = kernels.pull(e, size - 1.0, rate, pack)
+                tension[k, e, g] = kernels.pull(e, size - 1.0, rate, pack) - kernels.p2(g) * less
             for j in range(len(bent)):
                 f = ratio[e]
                 px, pz = kernels.at(y, bent[j, 0], f * bent[j, 1], f * bent[j, 2])
@@ -127,11 +128,13 @@ class HermiteModel:
         """The static pack with a limit on its axial stiffness, from the size of the loads up tenfold to the real one:
         a stiff axial spring makes the valley of the energy narrow, a soft one leads to it."""
         zero, r = np.zeros(self.ndof), np.zeros(self.ndof)
-        call_residual(0.0, q, zero, zero, self.static_pack._replace(EA=0.0 * self.static_pack.EA), r)
+        soft = self.static_pack._replace(EA=0.0 * self.static_pack.EA, yields=0.0 * self.static_pack.yields)
+        call_residual(0.0, q, zero, zero, soft, r)
         limit, hardest = float(np.abs(r).sum()), float(self.static_pack.EA.max())
         packs = []
         while 0 < limit < hardest:
-            packs.append(self.static_pack._replace(EA=np.minimum(self.static_pack.EA, limit)))
+            EA = np.minimum(self.static_pack.EA, limit)
+            packs.append(self.static_pack._replace(EA=EA, yields=self.static_pack.yields * EA / self.static_pack.EA))
             limit *= 10
         return [*packs, self.static_pack]
 

@@ -12,6 +12,7 @@ from ... import scene as sc
 from ...motion import MotionPack, motion_pack
 
 BAND = 7  # half bandwidth: the eight dofs of an element
+THIRD = 1.0  # stiffness of an element's third strain in EI/h2, as far as that is below EA
 POINTS = np.array([0.5 - math.sqrt(0.15), 0.5, 0.5 + math.sqrt(0.15)])  # Gauss points of [0, 1] and their weights
 WEIGHTS = np.array([5.0, 8.0, 5.0]) / 18.0
 
@@ -40,6 +41,8 @@ class Hermite(NamedTuple):
     BA: np.ndarray
     EI: np.ndarray  # (m,), or (0,) where nothing bends
     BI: np.ndarray
+    yields: np.ndarray  # (m,) part of EA [N] and of BA [N s] that an element's third strain does without
+    relents: np.ndarray
     push: np.ndarray  # (m,) bool: carries compression
     cn: np.ndarray  # (m,) or (0,) drag constants [N s2/m3]
     ct: np.ndarray
@@ -169,6 +172,8 @@ def discretise(scene: sc.Scene, mesh: Mesh, basis: np.ndarray, hold_free: bool =
     normal, along = (rho * area * c for c in (np.array([x.Can for x in S]), np.array([x.Cat for x in S])))
     EI, BI = np.array([x.EI for x in S]), np.array([x.BI for x in S])
     bends = bool(np.any(EI > 0) or np.any(BI > 0))
+    EA, push = np.array([x.EA for x in S]), np.array([x.carries_compression for x in S], dtype=bool)
+    third = np.where((EI > 0) & push, np.minimum(THIRD * EI / h**2, EA), EA)
     thick = np.array([x.drag_diameter or x.d for x in S])
     cn = 0.5 * rho * thick * np.array([x.Cdn for x in S])
     ct = 0.5 * rho * math.pi * thick * np.array([x.Cdt for x in S])
@@ -187,9 +192,9 @@ def discretise(scene: sc.Scene, mesh: Mesh, basis: np.ndarray, hold_free: bool =
         axes=(0.0, 0.0), bw=BAND, load_factor=1.0, fixed=np.array(fixed, dtype=np.int64),
         held=np.array(held, dtype=np.int64), aim=floats(aim).reshape(-1, 2), turn=turn, weight=diagonal(inertia),
         motion=motion_pack(moved, basis), load=floats(load.ravel()), shape=shape, inertia=inertia,
-        swing=floats(along - normal) if np.any(along != normal) else none, EA=floats([x.EA for x in S]),
+        swing=floats(along - normal) if np.any(along != normal) else none, EA=floats(EA),
         BA=floats([x.BA for x in S]), EI=floats(EI) if bends else none.copy(), BI=floats(BI) if bends else none.copy(),
-        push=np.array([x.carries_compression for x in S], dtype=bool), cn=floats(cn) if drags else none.copy(),
+        yields=floats(EA - third), relents=floats((1 - third / EA) * np.array([x.BA for x in S])), push=push, cn=floats(cn) if drags else none.copy(),
         ct=floats(ct) if drags else none.copy(), levels=levels, profile=profile, bed=bed,
         width=floats([x.d for x in S]), band=np.zeros((4 * n, BAND + 1)), K=np.zeros((8, 8)),
         X=np.zeros((6, 8)),
