@@ -99,7 +99,7 @@ METHODS: dict[str, Method] = {
         (*_IMPLICIT, "tangent"), True, 1e-5, "TR-BDF2, order 2, implicit, error control in the energy norm"
     ),
     "esdirk4": Method(
-        (*_IMPLICIT, "tangent"), True, 1e-4, "ESDIRK 4(3), implicit, error control in the energy norm: smooth motion"
+        (*_IMPLICIT, "tangent"), True, 3e-5, "ESDIRK 4(3), implicit, error control in the energy norm: smooth motion"
     ),
     "harmonic": Method(
         ("drive", "residual", "tangent", "energies"), True, 5e-4,

@@ -160,7 +160,7 @@ def march(pack, s, out, w, table, pieces, h, tol, h_most, h_least, floor, max_st
                 last = True
             f = 0.25 * h
             scale = s.peak[0] + floor
-            small = 0.02 * tol * math.sqrt(scale)
+            small = 0.1 * tol * math.sqrt(scale)
             copy(kv[0], s.v[0])
             copy(ka[0], s.a[0])
             work = h * table.A[5, 0] * power(s.r[0], s.v[0], pack.fixed)

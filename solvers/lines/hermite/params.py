@@ -83,24 +83,22 @@ def shapes(x: np.ndarray, order: int = 0) -> np.ndarray:
     return np.array([12 * x - 6, 6 * x - 4, 6 - 12 * x, 6 * x - 2])
 
 
-def unit_matrices() -> tuple[np.ndarray, np.ndarray]:
-    """(4, 4) integrals over [0, 1] of N N and of N'' N''."""
-    x, w = np.polynomial.legendre.leggauss(4)
-    x, w = (x + 1) / 2, w / 2
-    return (shapes(x) * w) @ shapes(x).T, (shapes(x, 2) * w) @ shapes(x, 2).T
-
-
 def inertia_of(h: np.ndarray, scale: float, mass: np.ndarray, bending: np.ndarray) -> np.ndarray:
     """(m, 4, 4) consistent mass of elements of length h with `mass` per metre, corrected for the dispersion of bending.
 
     Cubic elements raise a beam's eigenvalues by the relative amount (k h)^4/720, whatever the ends: their static
-    solution is exact at the nodes, so that the error is that of the inertia's load. The mass m h^4/720 int N'' N''
-    takes it away and leaves (k h)^6/25000. `bending` is the share of the stiffness that bending has in waves of
-    k h = 1: a string's dispersion is only (k h)^6/41000, and needs no correction.
+    solution is exact at the nodes, so that the error is that of the inertia's load. A mass of m h^4/720 on the second
+    derivatives takes it away and leaves -(k h)^6/25000; m h^6/22000 less on the third takes that away and a little
+    more, which keeps eigenvalues to 1e-5 up to k h = 1.5 and to 2e-4 at 2. `bending` is the share of the stiffness
+    that bending has in waves of k h = 1: a string's dispersion is only (k h)^6/41000, and needs no correction.
     """
-    plain, curved = unit_matrices()
+    x, w = np.polynomial.legendre.leggauss(4)
+    x, w = (x + 1) / 2, w / 2
+    plain, curved = (shapes(x) * w) @ shapes(x).T, (shapes(x, 2) * w) @ shapes(x, 2).T
+    third = np.array([12.0, 6.0, -12.0, 6.0])
+    correction = curved / 720.0 - np.outer(third, third) / 22000.0
     slope = np.stack([np.ones_like(h), h / scale, np.ones_like(h), h / scale], axis=1)
-    whole = plain + bending[:, None, None] / 720.0 * curved
+    whole = plain + bending[:, None, None] * correction
     return np.ascontiguousarray((mass * h)[:, None, None] * whole * slope[:, :, None] * slope[:, None, :])
 
 
