@@ -475,8 +475,8 @@ def marched(
             return int(explicit.march(pack, s, out, work, pieces, table, *limits, ask.max_steps))
         steps = (limits.first, limits.tolerance, limits.most, limits.least, limits.floor)
         if name == "esdirk4":
-            work = esdirk.make_work(model.ndof, pack.bw)
-            return int(esdirk.march(pack, s, out, work, esdirk.TABLE, pieces, *steps, ask.max_steps))
+            stages = esdirk.make_work(model.ndof, pack.bw)
+            return int(esdirk.march(pack, s, out, stages, esdirk.TABLE, pieces, *steps, ask.max_steps))
         newton = implicit.make_work(model.ndof, pack.bw)
         if name == "trbdf2":
             return int(implicit.tr_bdf2(pack, s, out, newton, pieces, *steps, ask.max_steps))

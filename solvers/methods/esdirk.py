@@ -17,7 +17,7 @@ import numpy as np
 from ..banded import hold
 from ..compile import kernel
 from ..dispatch import backsolve, drive, factorise, heft, residual, tangent
-from .implicit import DIVERGED, OK, STEP_TOO_SMALL, TOO_MANY_STEPS, launch, trapezoid
+from .implicit import DIVERGED, OK, STEP_TOO_SMALL, TOO_MANY_STEPS, launch
 from .implicit import Work as Newton
 from .implicit import make_work as make_newton
 from .march import (
@@ -160,7 +160,7 @@ def march(pack, s, out, w, table, pieces, h, tol, h_most, h_least, floor, max_st
                 last = True
             f = 0.25 * h
             scale = s.peak[0] + floor
-            small = 0.1 * tol * math.sqrt(scale)
+            small = 0.05 * tol * math.sqrt(scale)
             copy(kv[0], s.v[0])
             copy(ka[0], s.a[0])
             work = h * table.A[5, 0] * power(s.r[0], s.v[0], pack.fixed)
@@ -189,7 +189,8 @@ def march(pack, s, out, w, table, pieces, h, tol, h_most, h_least, floor, max_st
                     break
                 copy(kv[stage], u.v)
                 copy(ka[stage], u.a)
-                work += h * table.A[5, stage] * w.seen[1]
+                if stage < 5:
+                    work += h * table.A[5, stage] * w.seen[1]
             if not ok:
                 out.counts[C_REJECTED] += 1
                 factored = 0.0
@@ -219,6 +220,7 @@ def march(pack, s, out, w, table, pieces, h, tol, h_most, h_least, floor, max_st
                     return STEP_TOO_SMALL
                 continue
             residual(hi if last else t + h, s.q[1], s.v[1], s.a[1], pack, s.r[1])
+            work += h * table.A[5, 5] * power(s.r[1], s.v[1], pack.fixed)
             book(t, h, s, pack, start, work)
             if not (s.e[1, 0] < 1e30):
                 return DIVERGED

@@ -96,7 +96,7 @@ def pull(e, stretch, rate, pack):
 
 @kernel
 def third(y, w, e, pack):
-    """Third Legendre component of an element's strain, c = (e_0 - 2 e_1 + e_2)/1.8 of its Gauss points, and its rate."""
+    """Third Legendre component of an element's strain, (e_0 - 2 e_1 + e_2)/1.8 of its Gauss points, and its rate."""
     S = pack.shape
     c, rate = 0.0, 0.0
     for g in range(3):
@@ -572,7 +572,7 @@ def stiffen_element(q, v, a, e, cq, cv, ca, pack):
 
 @kernel
 def relieve(y, w, e, cq, cv, pack):
-    """pack.K -= rates of the third strain's relief of tension; half the weight of P2 squared over the element is h/5."""
+    """pack.K -= rates of the third strain's relief of tension; P2 squared over the element is h/5."""
     K, X, S = pack.K, pack.X, pack.shape
     X[:] = 0.0
     length = 0.0

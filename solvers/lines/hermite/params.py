@@ -186,14 +186,14 @@ def discretise(scene: sc.Scene, mesh: Mesh, basis: np.ndarray, hold_free: bool =
         b = scene.seabed
         bed = np.array([b.z, b.stiffness, b.damping, b.friction, b.friction_speed])
     none = np.zeros(0)
+    relents = (1 - third / EA) * np.array([x.BA for x in S])
     return Hermite(
         axes=(0.0, 0.0), bw=BAND, load_factor=1.0, fixed=np.array(fixed, dtype=np.int64),
         held=np.array(held, dtype=np.int64), aim=floats(aim).reshape(-1, 2), turn=turn, weight=diagonal(inertia),
         motion=motion_pack(moved, basis), load=floats(load.ravel()), shape=shape, inertia=inertia,
         swing=floats(along - normal) if np.any(along != normal) else none, EA=floats(EA),
         BA=floats([x.BA for x in S]), EI=floats(EI) if bends else none.copy(), BI=floats(BI) if bends else none.copy(),
-        yields=floats(EA - third), relents=floats((1 - third / EA) * np.array([x.BA for x in S])), push=push, cn=floats(cn) if drags else none.copy(),
+        yields=floats(EA - third), relents=floats(relents), push=push, cn=floats(cn) if drags else none.copy(),
         ct=floats(ct) if drags else none.copy(), levels=levels, profile=profile, bed=bed,
-        width=floats([x.d for x in S]), band=np.zeros((4 * n, BAND + 1)), K=np.zeros((8, 8)),
-        X=np.zeros((6, 8)),
+        width=floats([x.d for x in S]), band=np.zeros((4 * n, BAND + 1)), K=np.zeros((8, 8)), X=np.zeros((6, 8)),
     )  # fmt: skip

@@ -1,4 +1,4 @@
-"""The Hermite line in motion: its ledger with every method, its order, and its agreement with other lines and programs."""
+"""The Hermite line in motion: its ledger with every method, its order, its agreement with other lines and programs."""
 
 from __future__ import annotations
 
@@ -61,8 +61,8 @@ def damped() -> Scene:
 
 
 def test_smooth_pulse_is_of_order_4_at_least() -> None:
-    """The same harmonics under a smooth window, against 60 elements: the corrected inertia makes it 5; 20 elements leave
-    what 800 lumped segments would. Output is cubic between the steps, some 3e-4."""
+    """The same harmonics under a smooth window, against 60 elements: the corrected inertia makes it 5 and more; 160
+    lumped segments leave 3 %, 20 elements 0.2 %. Output is cubic between the steps, some 3e-4."""
     scene = damped()
     smooth = Window(stop=0.5, ramp_up=0.25, ramp_down=0.25, shape="smooth")
     scene = replace(scene, end_b=replace(scene.end_b, motion=replace(scene.end_b.motion, window=smooth)))
@@ -124,7 +124,7 @@ def touchdown() -> Scene:
 
 
 def test_agrees_with_fine_lumped_segments() -> None:
-    """60 elements against 200 lumped segments, which are 1.5 % from 120 elements, and 300 0.6 %: positions to 2 % of the
+    """60 elements against 200 lumped segments (1.3 % from 120 elements, 300 of them 0.6 %): positions to 2 % of the
     motion (rms), tension at the moved end to 1.5 % of its range, curvature at rest to 3 %."""
     ask = Ask(duration=3.0, interval=0.05)
     fine = solve(touchdown(), replace(ask, segments=200, model="lumped", method="dopri5"))
