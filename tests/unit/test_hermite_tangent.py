@@ -8,7 +8,22 @@ import numpy as np
 import pytest
 from tangent_kit import check_tangent, dense
 
-from solvers import TMD, CannotRepresent, Current, End, Harmonic, Motion, Scene, Seabed, Section, Water, Window
+from solvers import (
+    TMD,
+    Ask,
+    CannotRepresent,
+    Current,
+    End,
+    Harmonic,
+    Motion,
+    Scene,
+    Seabed,
+    Section,
+    Water,
+    Window,
+    solve,
+)
+from solvers.catalogue import cheapest
 from solvers.dispatch import KINETIC, N_ENERGIES, STRAIN, call_accelerate, call_energies, call_residual, call_tangent
 from solvers.lines.hermite import HermiteModel
 from solvers.lines.hermite.params import Hermite
@@ -134,3 +149,17 @@ def test_what_it_refuses(change: dict, words: str) -> None:
     """A scene that asks for more is refused before the run, with the field's name."""
     with pytest.raises(CannotRepresent, match=words):
         HermiteModel(replace(scene(), **change), 8)
+
+
+def test_the_catalogue_knows_it() -> None:
+    """Devices are refused by the feature's name before the run; the mesh is chosen by Hermite elements' own error; a
+    line with constraints is not marched by esdirk4."""
+    with pytest.raises(CannotRepresent, match=r"hermite cannot represent DEVICE; .*lumped"):
+        solve(replace(scene(), devices=(TMD(s=3.0, mass=1.0, k=10.0),)), Ask(duration=1.0, model="hermite"))
+    moved = replace(scene().end_b, motion=Motion(harmonics=(Harmonic(amplitude=(0.01, 0, 0), frequency=40.0),)))
+    fast = replace(scene(), end_b=moved)
+    few, many = (cheapest(fast, Ask(duration=1.0, model=model, accuracy=0.01)) for model in ("hermite", "lumped"))
+    assert 2 * few.segments < many.segments
+    assert few.error <= 0.01
+    with pytest.raises(CannotRepresent, match="esdirk4: rod has constraints"):
+        solve(scene(), Ask(duration=1.0, segments=10, model="rod", method="esdirk4"))
