@@ -298,6 +298,8 @@ class LumpedModel:
         """Offset of each device's mass along its slide direction; 0 for a mass that is fixed."""
         out = np.zeros((len(q), len(self.scene.devices)))
         particle, a = self.nodes, 0
+        if not len(q):  # a run that ended before its first sample
+            return out
         for d, (device, (i, j)) in enumerate(zip(self.scene.devices, self.mesh.mount, strict=True)):
             if device.kind == "bnes_free":
                 x, y, z = (q[:, self.pack.at[k] : self.pack.at[k] + self.dim] for k in (i, j, particle))
