@@ -55,9 +55,9 @@ def linearised(pack: Any, q: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.nda
     n, zero = len(q), np.zeros(len(q))
     free = np.setdiff1d(np.arange(n), pack.fixed)
     found = []
-    for c in np.eye(3):
+    for cq, cv, ca in np.eye(3):
         J = np.zeros((n, 2 * pack.bw + 1))
-        call_tangent(0.0, q, zero, zero, *c, pack, J)
+        call_tangent(0.0, q, zero, zero, cq, cv, ca, pack, J)
         full = np.zeros((n, n))
         i, k = np.nonzero(J)
         full[i, i + k - pack.bw] = J[i, k]

@@ -417,12 +417,20 @@ def run(scene: sc.Scene, ask: Ask, choice: Choice) -> Response:
         else:
             v += shake
 
-    def at_step(step: float) -> Response:
-        longer = replace(ask, step=step, max_steps=2 * ask.max_steps)
-        return march(model, longer, choice, static, q, v, dict(common), joints)
-
     response = march(model, ask, choice, static, q, v, common, joints)
-    return response if METHODS[choice.method].adaptive else checked(response, ask, at_step)
+    method = METHODS[choice.method]
+    trials: list[tuple[Ask, float]] = []  # of runs to compare with, and the error over the difference from them
+    most = 10 * ask.max_steps
+    if not method.adaptive and ask.step is not None:
+        trials = [(replace(ask, step=ask.step / 2, max_steps=most), 4 / 3)]
+        if model.n_gaps == 0:  # a longer step may miss the same impacts
+            trials.insert(0, (replace(ask, step=2 * ask.step, max_steps=most), 1 / 3))
+    elif method.adaptive:
+        used = method.tolerance if ask.tolerance is None else ask.tolerance
+        blind = model.n_gaps > 0 and choice.method not in RUNGE_KUTTA  # its steps do not land on impacts
+        if blind or used > method.tolerance * (1 + 1e-9):
+            trials = [(replace(ask, tolerance=used / 10, max_steps=most), 4 / 3)]
+    return checked(response, ask, lambda other: march(model, other, choice, static, q, v, dict(common), joints), trials)
 
 
 def apart(one: Response, other: Response) -> float:
@@ -435,25 +443,34 @@ def apart(one: Response, other: Response) -> float:
     return gap / size if size > 0 else (0.0 if gap == 0 else math.inf)
 
 
-def checked(response: Response, ask: Ask, at_step: Callable[[float], Response]) -> Response:
-    """A run at fixed step with its error in time measured: nothing else says whether the step was short enough.
+def checked(
+    response: Response, ask: Ask, again: Callable[[Ask], Response], trials: list[tuple[Ask, float]]
+) -> Response:
+    """A run with its error in time measured, where nothing else says whether its step or tolerance was fine enough.
 
-    Against a run at twice the step, whose error is four times as large: second order is taken for granted, also of rk4,
-    for where a force has a kink no more is left. Where that run fails, or is too far off to tell, one at half the step
-    decides. The seconds of both are in `cost.checking`.
+    That of a fixed step: against a run at twice the step, whose error is four times as large; where that fails, or is
+    too far off to tell, one at half the step decides. (Second order is taken for granted, also of rk4: where a force
+    has a kink no more is left.) That of an adaptive method looser than its own default, or blind for impacts: against a
+    tenth of the tolerance, of which the error goes at least with the power 2/3. Seconds are in `cost.checking`.
     """
-    if response.status != Status.OK or ask.step is None or len(response.t) < 2:
+    if response.status != Status.OK or len(response.t) < 2 or not trials:
         return response
-    begun = time.perf_counter()
-    error = apart(at_step(2 * ask.step), response) / 3
-    if not error <= SURE * ask.accuracy:
-        error = apart(response, at_step(ask.step / 2)) * 4 / 3
+    begun, error = time.perf_counter(), math.inf
+    for other, factor in trials:
+        found = apart(again(other), response) * factor
+        error = found if math.isfinite(found) else error
+        if error <= SURE * ask.accuracy:
+            break
     cost = response.cost._replace(checking=time.perf_counter() - begun)
-    response = replace(response, cost=cost, estimated_error=float(np.nanmax([response.estimated_error, error])))
+    response = replace(response, cost=cost)
+    if math.isfinite(error):
+        response = replace(response, estimated_error=float(np.nanmax([response.estimated_error, error])))
     if error <= ask.accuracy:
         return response
-    found = f"half the step changes the waveform: estimated error {error:.2g}; `accuracy` is {ask.accuracy:g}"
-    return replace(response, status=Status.COARSE_STEP, message=f"{found}; {REMEDY[Status.COARSE_STEP]}")
+    why = f"a finer run has another waveform: estimated error {error:.2g}; `accuracy` is {ask.accuracy:g}"
+    if math.isinf(error):
+        why = "neither a coarser nor a finer run came to its end, so that nothing tells the error"
+    return replace(response, status=Status.COARSE_STEP, message=f"{why}; {REMEDY[Status.COARSE_STEP]}")
 
 
 def tolerance_of(name: str, ask: Ask) -> float:

@@ -25,7 +25,7 @@ from solvers.settled import period, why_not
 
 from . import config
 from .fields import ASK, FieldError, assign, bind, dump, lookup
-from .mistakes import ABSENT, ConfigError, Mistake, faults
+from .mistakes import ConfigError, Mistake, faults
 
 GOOD, INACCURATE, FALSE_ALARM = "good", "inaccurate", "false alarm"
 NO_REFERENCE, REFUSED = "no reference", "refused"
@@ -225,7 +225,7 @@ def outcome(run: Response | str, truth: Truth, over: Over) -> tuple[str, float, 
         return (NO_REFERENCE if run.status == Status.OK else named), math.nan, promise
     if run.status == Status.OK:
         return (GOOD if error <= promise else INACCURATE), error, promise
-    if run.status in OF_TIME and error <= promise and run.energy_residual <= ENERGY_TOLERANCE:
+    if run.status in OF_TIME and error <= over.accuracy and run.energy_residual <= ENERGY_TOLERANCE:
         return FALSE_ALARM, error, promise
     return NAMES.get(run.status, run.status.name.lower().replace("_", " ")), error, promise
 
@@ -362,6 +362,3 @@ def false_alarms(rows: Sequence[dict[str, Any]]) -> float:
     good = sum(row["outcome"] == GOOD for row in rows)
     alarms = sum(row["outcome"] == FALSE_ALARM for row in rows)
     return alarms / (good + alarms) if good + alarms else 0.0
-
-
-__all__ = ["ABSENT", "ALL", "COLUMNS", "JUDGED", "MARCHES", "Over", "cells", "dataset", "false_alarms", "load", "spread"]
