@@ -340,14 +340,14 @@ def piloted(scene: sc.Scene, ask: Ask, choice: Choice) -> Response:
             adapts = METHODS[way.method].adaptive
             asked = replace(asked, tolerance=knob) if adapts else replace(asked, step=knob)
         plan = choice._replace(model=way.model, method=way.method, segments=segments, error=math.nan)
-        return run(scene, asked, plan)
+        return run(scene, asked, plan, False)
 
     first = min(choice.segments, FIRST) if math.isnan(choice.error) else max(8, round(choice.segments / 2))
     found = pilot.refine(attempt, ways(scene, ask, choice), ask.accuracy, first)
     response = found.response
     if found.chaotic:
         asked = choice._replace(model=found.way.model, method=found.way.method)
-        response = run(scene, replace(ask, segments=choice.segments), asked)
+        response = run(scene, replace(ask, segments=choice.segments), asked, False)
         note = "chaotic: waveforms do not converge, only statistics mean something"
         message = f"{note}; {response.message}".rstrip("; ")
         return replace(response, message=message, estimated_error=math.nan, chaotic=True)
@@ -365,8 +365,8 @@ def piloted(scene: sc.Scene, ask: Ask, choice: Choice) -> Response:
     return response
 
 
-def run(scene: sc.Scene, ask: Ask, choice: Choice) -> Response:
-    """Run a scene by the model, method and mesh chosen."""
+def run(scene: sc.Scene, ask: Ask, choice: Choice, check: bool = True) -> Response:
+    """Run a scene by the model, method and mesh chosen; `check` the error in time (pilots compare runs themselves)."""
     family = MODELS[choice.model].constrained  # its catenaries leave bending out by themselves, its rods keep it
     if needs(scene) & F.BENDING and not family and not bending_matters(scene, choice.segments):
         scene = without_bending(scene)
@@ -418,19 +418,27 @@ def run(scene: sc.Scene, ask: Ask, choice: Choice) -> Response:
             v += shake
 
     response = march(model, ask, choice, static, q, v, common, joints)
-    method = METHODS[choice.method]
-    trials: list[tuple[Ask, float]] = []  # of runs to compare with, and the error over the difference from them
-    most = 10 * ask.max_steps
-    if not method.adaptive and ask.step is not None:
-        trials = [(replace(ask, step=ask.step / 2, max_steps=most), 4 / 3)]
-        if model.n_gaps == 0:  # a longer step may miss the same impacts
-            trials.insert(0, (replace(ask, step=2 * ask.step, max_steps=most), 1 / 3))
-    elif method.adaptive:
-        used = method.tolerance if ask.tolerance is None else ask.tolerance
-        blind = model.n_gaps > 0 and choice.method not in RUNGE_KUTTA  # its steps do not land on impacts
-        if blind or used > method.tolerance * (1 + 1e-9):
-            trials = [(replace(ask, tolerance=used / 10, max_steps=most), 4 / 3)]
+    if not check:
+        return response
+    trials = trials_of(ask, choice.method, model.n_gaps)
     return checked(response, ask, lambda other: march(model, other, choice, static, q, v, dict(common), joints), trials)
+
+
+def trials_of(ask: Ask, name: str, n_gaps: int) -> list[tuple[Ask, float]]:
+    """Runs that tell the error in time of a run, each with that error over its difference; none where it is known to be
+    small: an adaptive method at its own tolerance that lands on the impacts."""
+    most = 10 * ask.max_steps
+    if METHODS[name].adaptive:
+        used = tolerance_of(name, ask)
+        blind = n_gaps > 0 and name not in RUNGE_KUTTA
+        loose = used > METHODS[name].tolerance * (1 + 1e-9)
+        return [(replace(ask, tolerance=used / 10, max_steps=most), 4 / 3)] if blind or loose else []
+    if ask.step is None:
+        return []
+    finer = (replace(ask, step=ask.step / 2, max_steps=most), 4 / 3)
+    if n_gaps > 0:  # a longer step may miss the same impacts
+        return [finer]
+    return [(replace(ask, step=2 * ask.step, max_steps=most), 1 / 3), finer]
 
 
 def apart(one: Response, other: Response) -> float:

@@ -8,6 +8,7 @@ fifth of what is promised, the row says ``no reference`` and nothing is claimed.
 from __future__ import annotations
 
 import math
+import re
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -25,7 +26,8 @@ from solvers.settled import period, why_not
 
 from . import config
 from .fields import ASK, FieldError, assign, bind, dump, lookup
-from .mistakes import ConfigError, Mistake, faults
+from .mistakes import ConfigError, Mistake, faults, nearest
+from .store import write_whole
 
 GOOD, INACCURATE, FALSE_ALARM = "good", "inaccurate", "false alarm"
 NO_REFERENCE, REFUSED = "no reference", "refused"
@@ -55,7 +57,27 @@ class Over:
     models: tuple[str, ...] = ("lumped",)
     methods: tuple[str, ...] = ALL
     accuracy: float = 0.05
-    most: int = 400_000  # steps of a run
+    most: int = 150_000  # steps of a run
+
+
+def checked(over: Over) -> Over:
+    """The same, or ConfigError with every mistake in it."""
+    wrong = []
+    for given, name, known in ((over.models, "--model", tuple(MODELS)), (over.methods, "--method", ALL)):
+        wrong += [Mistake(name, x, "there is no such", nearest(x, known)) for x in given if x not in known]
+    for name, value, good, rule in (
+        ("--steps", over.steps, over.steps >= 2, "must be 2 or more"),
+        ("--duration", over.duration, 0 < over.duration < math.inf, "must be above 0 [s]"),
+        ("--segments", over.segments, 2 <= over.segments <= 400, "must be 2 to 400: eigenvalues are dense"),
+        ("--accuracy", over.accuracy, 0 < over.accuracy < 1, "must lie between 0 and 1"),
+        ("--range", over.values, not over.field or all(map(math.isfinite, over.values)), "is needed with --over"),
+        ("--over", over.field, bool(over.field) or not any(map(math.isfinite, over.values)), "is needed with --range"),
+    ):
+        if not good:
+            wrong.append(Mistake(name, value, rule))
+    if wrong:
+        raise ConfigError(wrong, "the command")
+    return over
 
 
 def spread(low: float, high: float, points: int) -> tuple[float, ...]:
@@ -333,11 +355,25 @@ def dataset(rows: Sequence[dict[str, Any]], over: Over, scene: Scene) -> xr.Data
     return xr.Dataset(
         data,
         attrs={
-            "field": over.field, "duration": over.duration, "segments": over.segments, "accuracy": over.accuracy,
+            "field": over.field, "label": label_of(over.field), "duration": over.duration, "segments": over.segments,
+            "accuracy": over.accuracy,
             "scene": scene.name, "solvers": solvers.SOURCE_HASH,
             "comment": "errors are of time integration: against a tight run on the same mesh",
         },
     )  # fmt: skip
+
+
+UNITS = {
+    "EA": "N", "EI": "N m²", "BA": "N s", "BI": "N m² s", "mass": "kg", "length": "m", "d": "m", "wet_weight": "N/m",
+    "phi0": "deg", "k": "N/m", "c": "N s/m", "g": "m/s²", "position": "m", "amplitude": "m", "frequency": "Hz",
+    "velocity": "m/s", "force": "N", "stiffness": "Pa/m", "damping": "Pa s/m",
+}  # fmt: skip
+
+
+def label_of(field: str) -> str:
+    """A field's path with its unit, which stands by its last name."""
+    names = [part for part in re.split(r"[.\[\]]+", field) if part and not part.isdigit()]
+    return f"{field} [{UNITS.get(names[-1], '-') if names else '-'}]"
 
 
 def _about(name: str) -> dict[str, str]:
@@ -355,6 +391,24 @@ def summary(rows: Sequence[dict[str, Any]]) -> tuple[list[str], list[list[str]]]
         mine = [row["outcome"] for row in rows if name in ("all", row["method"])]
         table.append([name, str(len(mine)), *(str(mine.count(x)) for x in (*first, *rest))])
     return ["method", "runs", *first, *rest], table
+
+
+def save(data: xr.Dataset, folder: Path) -> tuple[Path, Path]:
+    """Write a map as csv and netCDF; their paths."""
+    folder.mkdir(parents=True, exist_ok=True)
+    frame = data.to_dataframe()
+    table = write_whole(folder / "stability.csv", lambda place: frame.to_csv(place, index=False))
+    return table, write_whole(folder / "stability.nc", lambda place: data.to_netcdf(place, engine="netcdf4"))
+
+
+def worst(rows: Sequence[dict[str, Any]]) -> list[str]:
+    """A sentence for each run that said OK and was not, and for each that was good and was called bad."""
+    return [
+        f"{row['outcome']}: {row['model']}, {row['method']} at {row['setting']:.3g}, field {row['value']:g}: error "
+        f"{row['error']:.2g}, promise {row['promise']:.2g}, energy residual {row['energy_residual']:.1e}, "
+        f"{row['status']}: {row['message']}"
+        for row in rows if row["outcome"] in (INACCURATE, FALSE_ALARM)
+    ]  # fmt: skip
 
 
 def false_alarms(rows: Sequence[dict[str, Any]]) -> float:

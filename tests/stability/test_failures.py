@@ -58,7 +58,7 @@ def shake(x: float, z: float, frequency: float, ramp: float = 0.0) -> Motion:
 CHAIN = Section(length=10.0, d=0.02, mass=1.0, EA=1e5, BA=50.0, Cdn=1.5, Cdt=0.1, compression=False)
 
 
-def snapping(periods: bool = True) -> Scene:
+def snapping() -> Scene:
     """A chain with a sag of 1.7 m, shaken faster than it can fall: slack, then taut at a stroke, in each period."""
     return Scene(
         cable=(CHAIN,), water=Water(), end_a=pinned(0, 0, -10),
@@ -68,12 +68,12 @@ def snapping(periods: bool = True) -> Scene:
 
 def test_snap_and_slack() -> None:
     """Implicit steps of a fiftieth of the period jump over the snaps: Newton fails or the energy does not close.
-    Explicit steps with error control take each snap as it comes."""
+    Explicit steps with error control, at a tolerance tighter than a taut cable needs, take each snap as it comes."""
     ask = Ask(duration=2.0, segments=20, interval=5e-3)
     for rho in (1.0, 0.8):
         bad = solve(snapping(), replace(ask, method="genalpha", step=1 / 45, rho=rho))
         fails(bad, Status.NO_CONVERGENCE, Status.ENERGY_OPEN)
-    good = solve(snapping(), replace(ask, method="explicit"))
+    good = solve(snapping(), replace(ask, method="explicit", tolerance=1e-6))
     works(good)
     tension = good.signals["tension"]
     assert (tension == 0).any()
@@ -88,7 +88,7 @@ def test_harmonic_balance_with_slack() -> None:
     assert bad.status in (Status.FEW_HARMONICS, Status.NO_CONVERGENCE), bad.message
     assert "slack" in bad.message
     assert "time domain" in bad.message
-    works(solve(snapping(), replace(ask, method="explicit")))
+    works(solve(snapping(), replace(ask, method="explicit", tolerance=1e-6)))
 
 
 # ------------------------------------------------------------------------------------------- negative tension
@@ -109,13 +109,6 @@ def strut(EI: float, compression: bool = True, segments: int = 40) -> tuple[Scen
     return scene, Ask(duration=0.6, segments=segments, interval=2e-3, method="explicit", tolerance=1e-6)
 
 
-def rate(run: Response) -> float:
-    """At which the transverse speed grows [1/s], over the second half of what is still small."""
-    speed = np.abs(run.signals["velocity"][:, :, 2]).max(axis=1)
-    late = (run.t > 0.3) & (speed < 0.1)
-    return float(np.polyfit(run.t[late], np.log(speed[late]), 1)[0])
-
-
 def test_negative_tension_without_bending() -> None:
     """The shortest wave grows at (2/l) sqrt(|T|/m): halving the mesh doubles it, so that no mesh is fine enough. The
     run says UNRESOLVED, and what to give the cable; both cures work on the same scene, with the same start.
@@ -127,7 +120,8 @@ def test_negative_tension_without_bending() -> None:
         i = np.arange(segments + 1)
         scene, ask = strut(0.0, segments=segments)
         mode = tuple((0.0, 0.0, 1e-6 * (-1) ** k * math.sin(math.pi * k / segments)) for k in i)
-        run = solve(replace(scene, start=replace(scene.start, velocity=mode)), replace(ask, duration=1.2 / segments * 20))
+        scene = replace(scene, start=replace(scene.start, velocity=mode))
+        run = solve(scene, replace(ask, duration=24 / segments))
         fails(run, Status.UNRESOLVED)
         assert "`EI`" in run.message
         assert "`compression: false`" in run.message
@@ -185,7 +179,8 @@ def test_folded_chain() -> None:
     """The falling leg has no tension: ZERO_TENSION for a catenary. The lumped line falls to 0.8 L when the closed form
     does, faster than freely, within 2 %: the fold is 4 cm wide."""
     ask = Ask(duration=0.3, segments=50, interval=2e-3, max_steps=500_000)
-    fails(solve(folded(50, BA=0.0), replace(ask, model="catenary", method="trbdf2", max_steps=5000)), Status.ZERO_TENSION)
+    bad = solve(folded(50, BA=0.0), replace(ask, model="catenary", method="trbdf2", max_steps=5000))
+    fails(bad, Status.ZERO_TENSION)
     good = solve(folded(50), replace(ask, duration=0.36, model="lumped", method="explicit"))
     works(good)
     fall = -good.signals["position"][:, -1, 2]
@@ -216,35 +211,37 @@ def test_sawtooth_in_space() -> None:
     assert len(set(np.sign(moment[near]))) == 1
 
 
-SHOT = Section(length=100.0, d=0.01, mass=1.0, EA=1e6, wet_weight=0.0, compression=True)  # c = 1000 m/s
-
-
-def shot() -> Scene:
-    """The end of a taut line jumps to 1 m/s, which raises the tension by 1 kN behind a front."""
-    slow = 1e-4  # Hz
-    pull = Motion(harmonics=(Harmonic(amplitude=(1 / (2 * math.pi * slow), 0, 0), frequency=slow),))
-    return Scene(cable=(SHOT,), g=0.0, end_a=pinned(0, 0, 0), end_b=pinned(100.5, 0, 0, motion=pull))
+def plucked() -> Scene:
+    """A taut line of 100 m whose middle is displaced along it by 5 cm and let go: waves at 1000 m/s."""
+    cable = Section(length=100.0, d=0.01, mass=1.0, EA=1e6, wet_weight=0.0, compression=True)
+    s = np.linspace(0.0, 100.0, 41)
+    x = 1.005 * s + 0.05 * np.exp(-(((s - 50) / 5) ** 2))
+    start = Start(kind="given", shape=tuple((float(v), 0.0, 0.0) for v in x))
+    return Scene(cable=(cable,), g=0.0, start=start, end_a=pinned(0, 0, 0), end_b=pinned(float(x[-1]), 0, 0))
 
 
 def sawtooth(run: Response) -> float:
-    """Share of what alternates from step to step in the force on the moved end, rms over its scatter."""
-    force = run.signals["end_force"][1:, 1, 0]
-    return float(np.sqrt((np.diff(force, 2) ** 2).mean()) / 4 / np.std(force))
+    """Share of the velocity that alternates from step to step: rms of the second difference over four, of the rms."""
+    v = run.signals["velocity"][1:, :, 0]
+    return float(np.sqrt((np.diff(v, 2, axis=0) ** 2).mean()) / 4 / np.sqrt((v**2).mean()))
 
 
 def test_sawtooth_in_time() -> None:
-    """Steps eight times l/c with rho = 1, whose root at infinity is -1: the force on the end alternates from step to
-    step and does not decay. The run says that its steps are too coarse or its energy open; rho = 0.8 damps the sawtooth
-    at the same step; and error control, the remedy, has none and is trusted."""
-    step = 8 * 0.5 / 1000
-    ask = Ask(duration=0.2, segments=200, interval=step)
-    box = solve(shot(), replace(ask, method="genalpha", rho=1.0, step=step))
+    """Steps eight times l/c with rho = 1, whose root at infinity is -1: most of the velocity alternates from step to
+    step and does not decay. The run says that its steps are too coarse or its energy open; rho = 0.5 damps the sawtooth
+    at the same step, and says what that costs; the explicit method, the remedy, has none and is trusted."""
+    step = 8 * 2.5 / 1000
+    ask = Ask(duration=60 * step, segments=40, interval=step)
+    box = solve(plucked(), replace(ask, method="genalpha", rho=1.0, step=step))
     fails(box, Status.COARSE_STEP, Status.ENERGY_OPEN)
-    damped = solve(shot(), replace(ask, method="genalpha", rho=0.5, step=step))
-    assert sawtooth(box) > 2 * sawtooth(damped)
-    good = solve(shot(), replace(ask, method="explicit"))
+    damped = solve(plucked(), replace(ask, method="genalpha", rho=0.5, step=step))
+    fails(damped, Status.COARSE_STEP, Status.ENERGY_OPEN)
+    good = solve(plucked(), replace(ask, method="explicit", interval=2e-4, duration=0.2))
     works(good)
-    assert sawtooth(good) < 0.5 * sawtooth(box)
+    assert sawtooth(box) > 0.7
+    late = [float(np.abs(run.signals["velocity"][-10:]).max()) for run in (box, damped)]
+    assert late[0] > 10 * late[1]
+    assert sawtooth(good) < 0.05
 
 
 # ------------------------------------------------------------------------------------------- harmonic balance
@@ -331,18 +328,18 @@ def test_harmonic_balance_with_tension_only_cords() -> None:
 
 def ringing() -> tuple[Scene, Ask]:
     cable = Section(length=10.0, d=0.05, mass=2.0, EA=1e5, wet_weight=0.0, compression=True)
-    jerk = Motion(harmonics=(Harmonic(amplitude=(0, 0, 2e-3), frequency=8.0),))
+    jerk = Motion(harmonics=(Harmonic(amplitude=(0, 0, 2e-3), frequency=3.0),))
     scene = Scene(cable=(cable,), g=0.0, end_a=pinned(0, 0, 0), end_b=pinned(0, 0, 10 * (1 + 500 / 1e5), motion=jerk))
     return scene, Ask(duration=2.0, segments=20, interval=1e-2)
 
 
 def test_heun_without_damping() -> None:
-    """Heun's rule has no stable step on an oscillation: at 0.7 of what 2/omega would promise it is gone, at 0.3 its
-    energy grows by (1 + z^4/4) a step and is open. RK4 at the longer step is trusted."""
+    """Heun's rule has no stable step on an oscillation: at 0.7 of what 2/omega would promise it is gone, at 0.12
+    its energy grows by (1 + z^4/4) a step and is open. RK4 at the longer step is trusted."""
     scene, ask = ringing()
     omega = 2 / 0.5 * math.sqrt(1e5 / 2.0)
     fails(solve(scene, replace(ask, method="rk2", step=0.7 * 2 / omega)), Status.DIVERGED, Status.ENERGY_OPEN)
-    fails(solve(scene, replace(ask, method="rk2", step=0.3 * 2 / omega)), Status.ENERGY_OPEN)
+    fails(solve(scene, replace(ask, method="rk2", step=0.12 * 2 / omega)), Status.ENERGY_OPEN)
     works(solve(scene, replace(ask, method="rk4", step=0.5 * 2 / omega)))
 
 
@@ -355,7 +352,7 @@ def study_sinks() -> Scene:
     return replace(scene, devices=cords, end_b=replace(scene.end_b, motion=pulse))
 
 
-@pytest.mark.parametrize("step", [1e-3, 2e-4])
+@pytest.mark.parametrize("step", [1e-3, 5e-4])
 def test_the_box_rule_with_impacts(step: float) -> None:
     """rho = 1 on cords of 1 GN: each impact excites what the rule never damps. Its energy is open, or a finer step has
     another waveform; the explicit method, which lands on impacts, is trusted."""
@@ -397,8 +394,8 @@ def swinging() -> tuple[Scene, Ask]:
 @pytest.mark.parametrize("rho", [1.0, 0.8])
 def test_a_closed_ledger_is_not_a_right_waveform(rho: float) -> None:
     """Generalised-alpha shifts the frequency by -(omega h)^2/12 and more and keeps the energy: after many periods the
-    waveform is off by more than 5 % with a residual below 1e-3. A finer run tells: COARSE_STEP, with an estimate that is
-    right within a fifth; half the step or less is trusted."""
+    waveform is off by more than 5 % with a residual below 1e-3. A finer run tells: COARSE_STEP, with an estimate that
+    is right within a fifth; half the step or less is trusted."""
     scene, ask = swinging()
     exact = solve(scene, replace(ask, method="explicit", tolerance=1e-7))
 
