@@ -30,7 +30,7 @@ TAUT = 0.5  # largest step times device frequency while a cord is taut: six step
 UNGUIDED = 60  # segments where no excitation sets a wave length
 FIRST = 20  # most segments of the first pilot
 LOOSE = 10.0  # times its default: the first tolerance of an adaptive method that pilots tune
-STEPS_PER_PERIOD = 12.0  # a fixed-step method needs this many in the shortest period that matters
+SURE = 0.5  # of the accuracy asked: an error in time estimated below is not looked at again
 
 
 class Line(NamedTuple):
@@ -363,14 +363,14 @@ def piloted(scene: sc.Scene, ask: Ask, choice: Choice) -> Response:
             adapts = METHODS[way.method].adaptive
             asked = replace(asked, tolerance=knob) if adapts else replace(asked, step=knob)
         plan = choice._replace(model=way.model, method=way.method, segments=segments, error=math.nan)
-        return run(scene, asked, plan)
+        return run(scene, asked, plan, False)
 
     first = min(FIRST, max(pilot.LEAST, choice.segments // 2))
     found = pilot.refine(attempt, ways(scene, ask, choice), ask.accuracy, first)
     response = found.response
     if found.chaotic:
         asked = choice._replace(model=found.way.model, method=found.way.method)
-        response = run(scene, replace(ask, segments=choice.segments), asked)
+        response = run(scene, replace(ask, segments=choice.segments), asked, False)
         note = "chaotic: waveforms do not converge, only statistics mean something"
         message = f"{note}; {response.message}".rstrip("; ")
         return replace(response, message=message, estimated_error=math.nan, chaotic=True)
@@ -389,8 +389,8 @@ def piloted(scene: sc.Scene, ask: Ask, choice: Choice) -> Response:
     return response
 
 
-def run(scene: sc.Scene, ask: Ask, choice: Choice) -> Response:
-    """Run a scene by the model, method and mesh chosen."""
+def run(scene: sc.Scene, ask: Ask, choice: Choice, check: bool = True) -> Response:
+    """Run a scene by the model, method and mesh chosen; `check` the error in time (pilots compare runs themselves)."""
     family = MODELS[choice.model].constrained  # its catenaries leave bending out by themselves, its rods keep it
     if needs(scene) & F.BENDING and not family and not bending_matters(scene, choice.segments):
         scene = without_bending(scene)
@@ -440,7 +440,69 @@ def run(scene: sc.Scene, ask: Ask, choice: Choice) -> Response:
             model.spin_along(q, v)
         else:
             v += shake
-    return march(model, ask, choice, static, q, v, common, joints)
+
+    response = march(model, ask, choice, static, q, v, common, joints)
+    if not check:
+        return response
+    trials = trials_of(ask, choice.method, model.n_gaps)
+    return checked(response, ask, lambda other: march(model, other, choice, static, q, v, dict(common), joints), trials)
+
+
+def trials_of(ask: Ask, name: str, n_gaps: int) -> list[tuple[Ask, float]]:
+    """Runs that tell the error in time of a run, each with that error over its difference; none where it is known to be
+    small: an adaptive method at its own tolerance that lands on the impacts."""
+    most = 10 * ask.max_steps
+    if METHODS[name].adaptive:
+        used = tolerance_of(name, ask)
+        blind = n_gaps > 0 and name not in RUNGE_KUTTA
+        loose = used > METHODS[name].tolerance * (1 + 1e-9)
+        return [(replace(ask, tolerance=used / 10, max_steps=most), 4 / 3)] if blind or loose else []
+    if ask.step is None:
+        return []
+    finer = (replace(ask, step=ask.step / 2, max_steps=most), 4 / 3)
+    if n_gaps > 0:  # a longer step may miss the same impacts
+        return [finer]
+    return [(replace(ask, step=2 * ask.step, max_steps=most), 1 / 3), finer]
+
+
+def apart(one: Response, other: Response) -> float:
+    """Relative root mean square difference of the displacement over all nodes and times; inf where a run stopped."""
+    if len(one.t) != len(other.t) or one.signals["position"].shape != other.signals["position"].shape:
+        return math.inf
+    x, y = (run.signals["position"] - run.signals["static_position"] for run in (one, other))
+    size = float(np.sqrt((y**2).mean()))
+    gap = float(np.sqrt(((x - y) ** 2).mean()))
+    return gap / size if size > 0 else (0.0 if gap == 0 else math.inf)
+
+
+def checked(
+    response: Response, ask: Ask, again: Callable[[Ask], Response], trials: list[tuple[Ask, float]]
+) -> Response:
+    """A run with its error in time measured, where nothing else says whether its step or tolerance was fine enough.
+
+    That of a fixed step: against a run at twice the step, whose error is four times as large; where that fails, or is
+    too far off to tell, one at half the step decides. (Second order is taken for granted, also of rk4: where a force
+    has a kink no more is left.) That of an adaptive method looser than its own default, or blind for impacts: against a
+    tenth of the tolerance, of which the error goes at least with the power 2/3. Seconds are in `cost.checking`.
+    """
+    if response.status != Status.OK or len(response.t) < 2 or not trials:
+        return response
+    begun, error = time.perf_counter(), math.inf
+    for other, factor in trials:
+        found = apart(again(other), response) * factor
+        error = found if math.isfinite(found) else error
+        if error <= SURE * ask.accuracy:
+            break
+    cost = response.cost._replace(checking=time.perf_counter() - begun)
+    response = replace(response, cost=cost)
+    if math.isfinite(error):
+        response = replace(response, estimated_error=float(np.nanmax([response.estimated_error, error])))
+    if error <= ask.accuracy:
+        return response
+    why = f"a finer run has another waveform: estimated error {error:.2g}; `accuracy` is {ask.accuracy:g}"
+    if math.isinf(error):
+        why = "neither a coarser nor a finer run came to its end, so that nothing tells the error"
+    return replace(response, status=Status.COARSE_STEP, message=f"{why}; {REMEDY[Status.COARSE_STEP]}")
 
 
 def tolerance_of(name: str, ask: Ask) -> float:
@@ -491,7 +553,7 @@ def settle(model: Any, ask: Ask, static: np.ndarray, common: dict[str, Any]) -> 
     shown = settled.show(pack, orbit, t, 0.5 * float(pack.weight.sum()) * FLOOR_SPEED**2)
     cost = Cost(work.iterations, 0, work.evaluations, work.factorisations, time.perf_counter() - begun)
     guard, note, nodes = model.guards(static)
-    status, message = verdict(shown.residual, guard, note, math.inf)
+    status, message = verdict(shown.residual, guard, note)
     signals = model.observe(shown.q, shown.v, shown.force, static)
     valid, why = model.validity(signals)
     if valid != Status.OK:
@@ -641,7 +703,7 @@ def march(
             joints = adaptive.worse(joints, adaptive.joint_error(model, s.q[0], s.v[0], s.a[0]))
     per_period = 2 * math.pi * steps / (matters * ask.duration) if matters > 0 else math.inf
     if code == Status.OK and done == len(grid):
-        status, message = verdict(residual, guard, note, math.inf if METHODS[name].adaptive else per_period)
+        status, message = verdict(residual, guard, note)
         if MODELS[choice.model].constrained and status in (Status.OK, Status.ENERGY_OPEN):
             tight, why = model.resolved(signals, message)  # a run may bend more than its start, and its ledger open
             status, message = (tight, why) if tight != Status.OK else (status, message)
@@ -673,15 +735,12 @@ def _enough_rod(joints: adaptive.Estimate, ask: Ask, message: str) -> tuple[Stat
     return Status.ROD_NEEDED, why
 
 
-def verdict(residual: float, guard: Status, note: str, steps_per_period: float) -> tuple[Status, str]:
-    """Status and sentence of a run that came to its end: ledger, mesh, step, in this order."""
+def verdict(residual: float, guard: Status, note: str) -> tuple[Status, str]:
+    """Status and sentence of a run that came to its end: ledger, then mesh."""
     if not residual <= ENERGY_TOLERANCE:
         return Status.ENERGY_OPEN, f"energy residual {residual:.2e} of the peak energy"
     if guard != Status.OK:
         return guard, note
-    if steps_per_period < STEPS_PER_PERIOD:
-        found = f"{steps_per_period:.1f} steps in the shortest period that matters"
-        return Status.COARSE_STEP, f"{found}; {STEPS_PER_PERIOD:g} are needed"
     return Status.OK, note
 
 

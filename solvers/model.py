@@ -107,6 +107,7 @@ class Cost(NamedTuple):
     evaluations: int = 0  # residuals or accelerations
     factorisations: int = 0
     seconds: float = 0.0  # of the march, compilation excluded
+    checking: float = 0.0  # seconds of the runs at other steps or tolerances that measured the error in time
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -31,7 +31,7 @@ REMEDY = {
     Status.STEP_TOO_SMALL: "the step fell below its least value: raise the tolerance or soften the stiffest part",
     Status.TOO_MANY_STEPS: "the step budget is spent: raise `max_steps`, the tolerance, or use a cheaper mesh",
     Status.UNRESOLVED: "the mesh is too coarse for the waves or the boundary layer in this scene: raise `segments`",
-    Status.COARSE_STEP: "the step is too long for the shortest period that matters: lower `step`",
+    Status.COARSE_STEP: "the steps are too coarse for what moves: lower `step` or `tolerance`, or take `explicit`",
     Status.ENERGY_OPEN: "the energy balance does not close: lower `tolerance` or `step`",
     Status.NO_STATIC: "no static start was found: check weight, length and ends, or give the start's shape",
     Status.CANNOT_REPRESENT: "choose a model that can represent the scene (`sweep models`)",

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import json
 import logging
+import math
 import os
 import sys
 from enum import StrEnum
@@ -189,6 +190,45 @@ def chart_command(
     data = chart.chart(chart.load_case(case, duration), out, model or (), uncertainty, longest, say)
     say(report.charted(data, Console()))
     say(f"figure  {save_chart(data, out / 'chart.png')}")
+
+
+@app.command(name="stability")
+def stability_command(
+    case: Annotated[Path, typer.Argument(metavar="SCENE.yaml", help="a study or a scene")],
+    out: Annotated[Path, typer.Option(metavar="DIR", help="folder of stability.csv, stability.nc and stability.png")],
+    over: Annotated[str, typer.Option(metavar="FIELD", help="field that varies: `devices[0].EA`, `ask.segments`")] = "",
+    span: Annotated[
+        tuple[float, float] | None, typer.Option("--range", metavar="LOW HIGH", help="of the field")
+    ] = None,
+    points: Annotated[int, typer.Option(min=1, metavar="N", help="values of the field")] = 5,
+    steps: Annotated[int, typer.Option(metavar="M", help="steps about the limit, or tolerances, of each method")] = 9,
+    duration: Annotated[float, typer.Option(metavar="T", help="of each run [s]; short where it is chaotic")] = 0.5,
+    segments: Annotated[int, typer.Option(metavar="N", help="mesh of all runs")] = 20,
+    accuracy: Annotated[float, typer.Option(help="that is asked of the waveform")] = 0.05,
+    limit: Annotated[int, typer.Option(min=1, metavar="N", help="most steps of one run")] = 150_000,
+    model: Annotated[list[str] | None, typer.Option(help="a line, by default lumped; may be given again")] = None,
+    method: Annotated[list[str] | None, typer.Option(help="this method only; may be given again")] = None,
+) -> None:
+    """Where each method fails on a scene, over its step or tolerance and a field; limits in theory; needs seconds to
+    minutes."""
+    from . import stability as maps
+    from .stability_plot import save_map
+
+    values = maps.spread(*span, points) if span else (math.nan,)
+    what = maps.checked(maps.Over(
+        field=over, values=values, steps=steps, duration=duration, segments=segments, accuracy=accuracy, most=limit,
+        models=tuple(model or ("lumped",)), methods=tuple(method or maps.ALL),
+    ))  # fmt: skip
+    scene, study = maps.load(case)
+    warm_up()
+    rows = maps.cells(scene, what, study.ask if study else None, say)
+    data = maps.dataset(rows, what, scene)
+    say("\n" + report.table("outcomes", *maps.summary(rows), Console()))
+    for line in maps.worst(rows):
+        say(line)
+    say(f"good runs that were called bad: {maps.false_alarms(rows):.1%}")
+    table, whole = maps.save(data, out)
+    say(f"runs    {table}\n        {whole}\nfigure  {save_map(data, out / 'stability.png')}")
 
 
 # --------------------------------------------------------------------------------------------- results

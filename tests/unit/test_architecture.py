@@ -20,7 +20,7 @@ LAYERS = [  # a file imports from layers above its own line or from its own line
     "store",
     "distribute",
     "report",
-    "run series labels histories plot chart chart_plot",
+    "run series labels histories plot chart chart_plot stability stability_plot",
     "cli",
     "__main__",
 ]

@@ -298,6 +298,8 @@ class LumpedModel:
         """Offset of each device's mass along its slide direction; 0 for a mass that is fixed."""
         out = np.zeros((len(q), len(self.scene.devices)))
         particle, a = self.nodes, 0
+        if not len(q):  # a run that ended before its first sample
+            return out
         for d, (device, (i, j)) in enumerate(zip(self.scene.devices, self.mesh.mount, strict=True)):
             if device.kind == "bnes_free":
                 x, y, z = (q[:, self.pack.at[k] : self.pack.at[k] + self.dim] for k in (i, j, particle))
@@ -373,7 +375,17 @@ class LumpedModel:
         """Status, sentence and nodes per shortest transverse wave of the excitation, from the static state."""
         l, soft = np.diff(self.mesh.s), ~self.mesh.rod
         S = [self.scene.cable[k] for k in self.mesh.section]
-        tension = np.maximum(self.static_tension(static), 0.0)
+        tension = self.static_tension(static)
+        pushed = self.pack.push[: self.segments] & soft & (tension < -1e-9 * self.pack.EA[: self.segments])
+        limp = pushed & np.array([x.EI == 0 for x in S])
+        if limp.any():  # grows as k sqrt(|T|/m): the shorter the wave, the faster
+            return (
+                Status.UNRESOLVED,
+                f"{int(limp.sum())} segments are compressed, by up to {-tension[limp].min():.3g} N, and do not bend: "
+                "no mesh resolves what buckles; give the cable an `EI`, or `compression: false`",
+                math.nan,
+            )
+        tension = np.maximum(tension, 0.0)
         nodes = math.inf
         for e in np.flatnonzero(soft):
             EI, T = S[e].EI, tension[e]
