@@ -53,8 +53,8 @@ from .scene import (  # noqa: E402
 
 __all__ = [
     "BNES", "CACHE", "METHODS", "MODELS", "QUANTITIES", "SOURCE_HASH", "TMD", "Ask", "CannotRepresent", "Cost",
-    "CubicNES", "Current", "End", "Feature", "Harmonic", "Motion", "PointMass", "Response", "ResponseCurve", "Scene", "Seabed",
-    "Section", "Start", "Status", "Stochastic", "Table", "Turn",
+    "CubicNES", "Current", "End", "Feature", "Harmonic", "Motion", "PointMass", "Response", "ResponseCurve", "Scene",
+    "Seabed", "Section", "Start", "Status", "Stochastic", "Table", "Turn",
     "Water", "Window", "needs", "response_curve", "solve",
     "warm_up",
 ]

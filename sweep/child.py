@@ -17,7 +17,8 @@ import resource
 import signal
 import sys
 import traceback
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
+from dataclasses import replace
 from multiprocessing.connection import Connection
 from pathlib import Path
 from typing import Any
@@ -101,6 +102,15 @@ def guarded(evaluate: Callable[[Point], Record], point: Point) -> Record:
         return failed(point, "ERROR", reason(error))
 
 
+def numbered(record: Record, objectives: Sequence[str]) -> Record:
+    """The record, not trusted any more where it has the study's objectives and none of them is a number."""
+    stems = [name.removesuffix("_mean").removesuffix("_worst") for name in objectives]
+    values = [record.metrics[name] for name in stems if name in record.metrics]
+    if record.status == "OK" and values and all(value != value for value in values):
+        return replace(record, status="ERROR", message=f"no number came out: {', '.join(stems)} are NaN")
+    return record
+
+
 def main(argv: list[str]) -> int:
     parent, handle, evaluator, *warm_ups = argv
     die_with_parent(int(parent))
@@ -130,7 +140,10 @@ def main(argv: list[str]) -> int:
         except ConfigError as error:
             pipe.send(("broken", str(error)))
             return 2
-        pipe.send(("record", guarded(evaluate, point)))
+        record = guarded(evaluate, point)
+        if study is not None and isinstance(record, Record):
+            record = numbered(record, study.objectives)
+        pipe.send(("record", record))
 
 
 if __name__ == "__main__":

@@ -568,7 +568,7 @@ def _stream(study: Study, plan: Plan, replay: Replay, place: Path) -> None:
         with netCDF4.Dataset(place, "a") as file:
             for name in map(str, piece.variables):
                 if index in piece[name].dims:
-                    file.variables[name][begin : begin + step] = piece[name].values
+                    file.variables[name][begin : begin + piece.sizes[index]] = piece[name].values
 
 
 def open_study(directory: str | Path) -> xr.Dataset:
