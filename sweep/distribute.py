@@ -13,7 +13,7 @@ import signal
 import sys
 import time
 from collections import Counter, defaultdict, deque
-from collections.abc import Callable, Iterable, Iterator, Mapping, Sized
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager, suppress
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -23,6 +23,7 @@ from typing import Any, Protocol
 from solvers import CACHE
 
 from .config import Study
+from .plan import Orders
 from .point import Order, Point, Record
 from .store import Store, open_store
 from .supervise import SIGNALS, CannotRun, Child
@@ -274,7 +275,7 @@ def warm(mark: bool = False) -> bool:
 
 
 def map_points(
-    points: Iterable[Point | Order],
+    points: Sequence[Point | Order] | Orders,
     job: Job,
     ranks: World,
     report: Callable[[Done], None] = lambda done: None,
@@ -282,9 +283,8 @@ def map_points(
 ) -> str:
     """Evaluate ``points`` over all ranks; rank 0 calls this while the others ``serve``.
 
-    Every row is in a journal before ``report`` hears of it; ``beat`` is called often. ``points`` are taken as they
-    are needed; where they have a length, chunks get smaller towards the end. Returns the name of the signal that
-    stopped it early, or "". Raises ``CannotRun`` or ``StoreError`` when all have stopped.
+    Every row is in a journal before ``report`` hears of it; ``beat`` is called often. Returns the name of the signal
+    that stopped it early, or "". Raises ``CannotRun`` or ``StoreError`` when all have stopped.
     """
     with interruptible() as interrupt:
         return _Leader(points, job, ranks, interrupt, report, beat).run()
@@ -303,30 +303,21 @@ def evaluate_alone(point: Point, job: Job) -> Record:
 
 
 class _Queue:
-    """Points that nobody has yet, taken one by one from wherever they come."""
+    """Points that nobody has yet."""
 
-    def __init__(self, points: Iterable[Point | Order]) -> None:
-        self._points = iter(points)
-        self._next: deque[Point | Order] = deque()
-        self._length = len(points) if isinstance(points, Sized) else None
+    def __init__(self, points: Sequence[Point | Order] | Orders) -> None:
+        self._points = points
         self._taken = 0
 
-    def __bool__(self) -> bool:
-        if not self._next:
-            self._next.extend(point for _, point in zip(range(1), self._points, strict=False))
-        return bool(self._next)
+    def __len__(self) -> int:
+        return len(self._points) - self._taken
 
-    def take(self, most: int) -> list[Point | Order]:
-        found: list[Point | Order] = []
-        while len(found) < most and self:
-            found.append(self._next.popleft())
-        self._taken += len(found)
-        return found
-
-    @property
-    def left(self) -> float:
-        """How many are left; without end where nobody knows."""
-        return float("inf") if self._length is None else self._length - self._taken
+    def take(self, most: int) -> Sequence[Point | Order] | Orders:
+        begin = self._taken
+        self._taken = min(begin + most, len(self._points))
+        if isinstance(self._points, Orders):
+            return self._points.batch(begin, self._taken)
+        return self._points[begin : self._taken]
 
 
 class _Leader:
@@ -334,7 +325,7 @@ class _Leader:
 
     def __init__(
         self,
-        points: Iterable[Point | Order],
+        points: Sequence[Point | Order] | Orders,
         job: Job,
         ranks: World,
         interrupt: Interrupt,
@@ -424,12 +415,12 @@ class _Leader:
             silent = sorted(rank for rank in self.working if self.heard[rank] == oldest)
             raise Silent(f"rank {silent[0]} has been silent for {self.job.silence:.0f} s: it is dead or hangs")
 
-    def chunk(self) -> list[Point | Order]:
+    def chunk(self) -> Sequence[Point | Order] | Orders:
         """As many points as last for a while; fewer near the end, so that nobody is left with the last ones."""
         if self.interrupt:
             return []
         lasting = CHUNK_SECONDS / self.mean if self.mean > 0 else 1
-        return self.queue.take(int(max(1, min(lasting, CHUNK, self.queue.left / (4 * self.ranks.size)))))
+        return self.queue.take(int(max(1, min(lasting, CHUNK, len(self.queue) / (4 * self.ranks.size)))))
 
     def call_off(self) -> None:
         """Tell the others to stop, and wait until they have: a point in flight has its grace to end."""
@@ -539,7 +530,7 @@ class _Follower:
                 self.since = time.monotonic()
             elif kind == "points":
                 self.asked = False
-                self.more = bool(content) and self.more
+                self.more = len(content) > 0 and self.more
                 self.low = len(content) // 4
                 self.worker.queue.extend(content)
             elif kind == "stop":

@@ -12,7 +12,7 @@ import shutil
 import subprocess
 import time
 from collections import Counter
-from collections.abc import Iterator, Mapping
+from collections.abc import Mapping
 from contextlib import suppress
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -24,8 +24,8 @@ from solvers import CACHE, SOURCE_HASH
 
 from . import distribute, locks
 from .config import Study
-from .plan import Plan, read_plan
-from .point import Order, Record
+from .plan import Orders, Plan, read_plan
+from .point import Record
 from .report import Progress
 from .store import (
     Replay,
@@ -106,19 +106,6 @@ def _git_state() -> dict[str, Any]:
         return {}
 
 
-class Orders:
-    """Points of a plan in the order in which they are handed out; each is made when it is asked for."""
-
-    def __init__(self, plan: Plan, places: np.ndarray) -> None:
-        self.plan, self.places = plan, places
-
-    def __len__(self) -> int:
-        return len(self.places)
-
-    def __iter__(self) -> Iterator[Order]:
-        return (self.plan.order(i) for i in self.places)
-
-
 def to_do(business: np.ndarray, replay: Replay, retry: frozenset[str] = frozenset()) -> np.ndarray:
     """Those of the places that have no final row."""
     again = [name == "MISSING" or outcome(name) in retry or name.lower() in retry for name in replay.names]
@@ -156,7 +143,7 @@ def run(study: Study, settings: Settings, ranks: distribute.World | None = None)
                 if lock.lost:
                     raise StoreError(f"{lock.path} was taken by another run: this one stops")
 
-            orders = Orders(plan, left[dearest])
+            orders = Orders.of(plan, left[dearest])
             del dearest, left
             interrupted = distribute.map_points(orders, job, ranks, progress.report, beat)
             log.info("%s", progress.line())

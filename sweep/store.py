@@ -500,6 +500,8 @@ def write_whole(path: Path, write: Callable[[Path], object]) -> Path:
                 os.fsync(stream.fileno())
             os.replace(temporary, path)
             _sync_folder(path.parent)
+        except RuntimeError as error:  # netCDF's word for a full or sick disk
+            raise OSError(errno.EIO, str(error)) from error
         finally:
             with suppress(FileNotFoundError):
                 temporary.unlink()

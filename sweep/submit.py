@@ -29,10 +29,10 @@ from solvers.scene import record
 from . import distribute, locks
 from .config import ConfigError, Study, read_yaml
 from .mistakes import ABSENT, Mistake, translate
-from .plan import Plan, pilot_places, predicted, read_plan, write_plan
+from .plan import Orders, Plan, pilot_places, predicted, read_plan, write_plan
 from .point import Record
 from .report import duration
-from .run import Orders, Settings, job_of, provenance, to_do
+from .run import Settings, job_of, provenance, to_do
 from .store import Replay, StoreError, prepare, same_version, write_whole
 from .supervise import CannotRun
 
@@ -214,7 +214,7 @@ def plan_costs(study: Study, settings: Settings, pilots: int) -> tuple[Plan, int
             chosen = to_do(np.unique(replay.firsts(slice(None))[chosen]), replay)
             log.info("%d pilots; their rows are kept", len(chosen))
             job = job_of(study, settings, header, "pilot", replay.turn + 1)
-            if signal := distribute.map_points(Orders(plan, chosen), job, distribute.Alone()):
+            if signal := distribute.map_points(Orders.of(plan, chosen), job, distribute.Alone()):
                 raise CannotRun(f"interrupted by {signal}: nothing was submitted", resumable=True)
             replay = Replay(directory, plan.keys)
         seen = np.flatnonzero(replay.status)

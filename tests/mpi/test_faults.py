@@ -189,7 +189,7 @@ def test_two_runs_on_one_folder_by_mistake(study, undisturbed, tmp_path):
 
 @pytest.fixture
 def small_disk(tmp_path):
-    """A tmpfs of 128 kB."""
+    """A tmpfs of 128 kB, of which 20 kB are free."""
     place = tmp_path / "disk"
     place.mkdir()
     words = ["mount", "-t", "tmpfs", "-o", "size=128k", "tmpfs", str(place)]
@@ -203,14 +203,17 @@ def small_disk(tmp_path):
 
 @needs_mpi
 def test_a_full_disk(study, undisturbed, small_disk):
-    ballast = small_disk / "ballast"
-    ballast.write_bytes(bytes(88 * 1024))
-    code, said = run(2, study, small_disk / "out")
-    assert code == 3, said
-    assert "No space left on device" in said
-    assert "run the same command again" in said
-    before = len(read_records(small_disk / "out"))
-    assert 0 < before < COUNT
+    """First there is no room for all rows, then for all rows but not for the file made of them."""
+    (small_disk / "ballast").write_bytes(bytes(108 * 1024))
+    for size, enough, file in ((128, False, "journal-"), (160, True, "results.nc")):
+        subprocess.run(["mount", "-o", f"remount,size={size}k", str(small_disk)], check=True)
+        code, said = run(2, study, small_disk / "out")
+        assert code == 3, said
+        assert "cannot write" in said
+        assert file in said
+        assert "run the same command again" in said
+        assert "Traceback" not in said
+        assert (len(read_records(small_disk / "out")) == COUNT) == enough
     subprocess.run(["mount", "-o", "remount,size=20m", str(small_disk)], check=True)
     code, said = run(2, study, small_disk / "out")
     assert code == 0, said

@@ -200,7 +200,7 @@ def _row(plan, i, status):
 
 
 def test_a_journal_torn_at_any_byte_is_made_good(folder, tmp_path):
-    """200 cuts at random bytes, half of them with a tail of zeros: lost rows are run again, and the file is the same."""
+    """200 cuts at random bytes, half of them with a tail of zeros: lost rows run again, and the file is the same."""
     _, plan, out = folder
     truth = store.dataset_of(out)
     rows = repr(sorted(Replay(out, plan.keys).table(slice(None)).items()))
