@@ -348,7 +348,7 @@ class _Leader:
             while self.working or self.worker.busy or (self.queue and not self.interrupt):
                 if not self.worker.busy or (not self.worker.queue and 0 < self.mean < AHEAD):
                     self.feed()
-                self.turn(POLL if self.working else 0.1)
+                self.turn(min(max(self.mean / 10, POLL), 25 * POLL) if self.working else 0.1)
                 if self.interrupt and self.working:
                     self.call_off()
         except BaseException:

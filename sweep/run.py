@@ -147,12 +147,17 @@ def run(study: Study, settings: Settings, ranks: distribute.World | None = None)
             del dearest, left
             interrupted = distribute.map_points(orders, job, ranks, progress.report, beat)
             log.info("%s", progress.line())
+        replay = Replay(directory, plan.keys)
+        # whichever slice ends last makes the file: a merge job that depends on requeued tasks may come too early
+        over = settings.part is None or not len(to_do(plan.slice(0, 1), replay))
+        groups = tally(replay, mine)
+        del replay
         return Outcome(
             planned=len(mine),
             before=before,
-            groups=tally(Replay(directory, plan.keys), mine),
+            groups=groups,
             interrupted=interrupted,
-            results=merge(directory) if settings.part is None and not interrupted else None,
+            results=merge(directory) if over and not interrupted else None,
         )
     finally:
         lock.release()

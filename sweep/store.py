@@ -16,6 +16,7 @@ import logging
 import math
 import os
 import socket
+import threading
 import time
 from collections import OrderedDict, deque
 from collections.abc import Callable, Iterable, Iterator, Mapping
@@ -202,6 +203,8 @@ class DiskStore:
         self._header = dict(header or {})
         self._stream: BinaryIO | None = None
         self._unsynced, self._synced = 0, time.monotonic()
+        self._syncing: threading.Thread | None = None
+        self._failure: OSError | None = None
         if not any_version:
             same_version(self.directory, self._header.get("solver"), read_headers(self.directory))
 
@@ -215,8 +218,12 @@ class DiskStore:
     def close(self) -> None:
         if self._stream is not None:
             stream, self._stream = self._stream, None
+            if self._syncing is not None:
+                self._syncing.join()
             with complaint(self.path):
                 try:
+                    if self._failure is not None:
+                        raise self._failure
                     os.fsync(stream.fileno())
                 finally:
                     stream.close()
@@ -256,8 +263,26 @@ class DiskStore:
                 raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
             self._unsynced += 1
             if self._unsynced >= SYNC_ROWS or time.monotonic() - self._synced >= SYNC_SECONDS:
-                os.fsync(self._stream.fileno())
-                self._unsynced, self._synced = 0, time.monotonic()
+                self._sync()
+
+    def _sync(self) -> None:
+        """Sync aside: a busy disk takes long over it, and the worker would wait. What fails is said at the next row."""
+        if self._syncing is not None:
+            if self._syncing.is_alive():
+                return
+            self._syncing = None
+            if self._failure is not None:
+                raise self._failure
+        assert self._stream is not None
+        self._unsynced, self._synced = 0, time.monotonic()
+        self._syncing = threading.Thread(target=self._sync_now, args=(self._stream.fileno(),), name="sync")
+        self._syncing.start()
+
+    def _sync_now(self, handle: int) -> None:
+        try:
+            os.fsync(handle)
+        except OSError as error:
+            self._failure = error
 
 
 def same_version(directory: Path, mine: str | None, headers: Iterable[Mapping[str, Any]]) -> None:

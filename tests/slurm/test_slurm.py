@@ -9,6 +9,7 @@ import subprocess
 import sys
 import time
 from collections.abc import Iterator
+from contextlib import suppress
 from pathlib import Path
 
 import pytest
@@ -56,6 +57,7 @@ def slurm(tmp_path_factory) -> Iterator[dict[str, str]]:
     cache = (
         os.environ.get("CABLE_SWEEP_CACHE") or os.environ.get("XDG_CACHE_HOME") or str(Path.home() / ".cache")
     )
+    _forget_shared_memory()
     yield {"SLURM_CONF": conf, "PATH": path, "CABLE_SWEEP_CACHE": cache, **place}
     call(HERE / "slurm-here", "clean", **place)
 
@@ -67,10 +69,21 @@ def serial(tmp_path_factory) -> xr.Dataset:
     return open_study(out).drop_vars(COST)
 
 
+def _forget_shared_memory() -> None:
+    """Remove what killed steps of earlier clusters left: jobs had the same numbers, and mpich would hang on it."""
+    used = ""
+    for path in Path("/proc").glob("[0-9]*/maps"):
+        with suppress(OSError):
+            used += path.read_text()
+    for path in Path("/dev/shm").glob("mpich_shm_*"):
+        if path.name not in used:
+            path.unlink(missing_ok=True)
+
+
 def wait(slurm: dict[str, str], jobs: list[str], seconds: float = 120) -> None:
     """Until the jobs have left the queue; a requeued one, which SLURM holds for two minutes, is started at once."""
     deadline = time.monotonic() + seconds
-    while lines := call("squeue", "-h", "-j", ",".join(jobs), "-o", "%i %T %r", **slurm).stdout.splitlines():
+    while lines := call("squeue", "-h", "-r", "-j", ",".join(jobs), "-o", "%i %T %r", **slurm).stdout.splitlines():
         assert time.monotonic() < deadline, lines
         for job, state, reason in (line.split(maxsplit=2) for line in lines):
             if state == "PENDING" and reason == "BeginTime":
