@@ -246,18 +246,22 @@ class _Worker:
         """Keep the child at work, and wait at most ``timeout`` for a row."""
         if self.interrupt:
             self.queue.clear()
+            self.child.drop()
         if self.interrupt.overdue:
             self.child.stop()
-        if self.queue and self.child.point is None:
-            self.child.submit(self.queue.popleft())
+        self.feed()
         record = self.child.poll(timeout)
         if record is not None:
             done = Done(record.status, record.message, self.child.took)
-            if self.queue:  # the child works on while the row is written
-                self.child.submit(self.queue.popleft())
+            self.feed()  # the child works on while the row is written
             self.store.append(record)
             self.rows += 1
             self.report(done)
+
+    def feed(self) -> None:
+        """Give the child its next point, and where points are short the one after it."""
+        while self.queue and (self.child.point is None or (self.child.ahead is None and 0 < self.child.took < AHEAD)):
+            self.child.submit(self.queue.popleft())
 
     def close(self) -> None:
         self.child.stop()
@@ -380,7 +384,7 @@ class _Leader:
 
     def feed(self) -> None:
         if not self.interrupt:
-            self.worker.queue.extend(self.queue.take(1))
+            self.worker.queue.extend(self.queue.take(1 + (0 < self.mean < AHEAD and len(self.queue) > self.ranks.size)))
 
     def turn(self, timeout: float) -> None:
         self.worker.step(timeout)

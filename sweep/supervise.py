@@ -66,9 +66,11 @@ class Child:
         self._memory = memory_limit  # [MB]
         self._study = study  # of which orders are made points
         self._looked = 0.0
+        self._dropped = False
         self.took = 0.0  # by the last point, from its sending to its record [s]
         self._imported = self._going = False
         self.point: Point | Order | None = None
+        self.ahead: Point | Order | None = None  # lies in the child's socket: short points do not wait for the next
         self._process: subprocess.Popen[bytes] | None = None
         self._pipe: Connection | None = None
         self._ready = False
@@ -106,13 +108,23 @@ class Child:
                 self._send((self._study, self._memory))
 
     def submit(self, point: Point | Order) -> None:
-        """Take a point; it is sent as soon as the child is ready."""
-        self.point = point
+        """Take a point; it is sent as soon as the child is ready. One more may be taken while one is in flight."""
         self.go()
+        if self.point is not None:
+            self.ahead = point
+            if self._ready:
+                self._put(point)
+            return
+        self.point = point
         if self._process is None:
             self.start()
         elif self._ready:
             self._send(point)
+
+    def drop(self) -> None:
+        """Do not begin the point ahead: the child ends with the one in flight."""
+        self._dropped = self._dropped or self.ahead is not None
+        self.ahead = None
 
     def poll(self, timeout: float) -> Record | None:
         """Wait at most ``timeout`` for the record of the point in flight."""
@@ -153,11 +165,14 @@ class Child:
             self._process.wait()
         if self._pipe is not None:
             self._pipe.close()
-        self._process = self._pipe = self.point = None
-        self._ready = False
+        self._process = self._pipe = self.point = self.ahead = None
+        self._ready = self._dropped = False
 
     def _send(self, content: Any) -> None:
         self._since = time.monotonic()
+        self._put(content)
+
+    def _put(self, content: Any) -> None:
         try:
             assert self._pipe is not None
             self._pipe.send(content)
@@ -176,15 +191,19 @@ class Child:
             return None
         if kind == "ready":
             self._ready, self._deaths = True, 0
-            if self.point:
-                self._send(self.point)
+            for point in (self.point, self.ahead):
+                if point is not None:
+                    self._send(point)
             return None
         if not isinstance(content, Record):
             return self._end("ERROR", f"the evaluator gave a {type(content).__name__} in place of a record")
         if content.status == "MEMORY":  # a process that met its limit is not to be trusted with another point
             why = f"passed the memory limit of {self._memory:g} MB" if self._memory else content.message
             return self._end("MEMORY", why)
-        self.point, self.took = None, time.monotonic() - self._since
+        now = time.monotonic()
+        self.point, self.ahead, self.took, self._since = self.ahead, None, now - self._since, now
+        if self._dropped:
+            self.stop()
         return content
 
     def _died(self) -> Record | None:
@@ -202,9 +221,10 @@ class Child:
 
     def _end(self, status: str, message: str) -> Record | None:
         """Record the point in flight as lost, and begin again with a fresh child."""
-        point, seconds = self.point, time.monotonic() - self._since
+        point, ahead, seconds = self.point, self.ahead, time.monotonic() - self._since
         self.took = seconds
         self.stop()
+        self.point = ahead  # it was not begun
         try:
             self.start()
         except OSError as error:  # the row first: without a child the next point says why

@@ -74,6 +74,12 @@ def full_disk(size: int) -> Iterator[None]:
         resource.setrlimit(resource.RLIMIT_FSIZE, before)
 
 
+def evaluate_unlimited(point: Point) -> Record:
+    """As ``evaluate``, in a process whose data segment nobody limits."""
+    resource.setrlimit(resource.RLIMIT_DATA, (resource.RLIM_INFINITY, resource.RLIM_INFINITY))
+    return evaluate(point)
+
+
 def planned(point: Point) -> Record:
     """As ``evaluate``, for points of a study: FAKE_MODES says what the designs do in turn, FAKE_SECONDS how long."""
     modes = os.environ.get("FAKE_MODES", "good").split(",")
