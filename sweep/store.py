@@ -4,7 +4,7 @@ A journal is JSON lines: a header (solver version, packages, git state, study), 
 job), then one row for each point. Lines are flushed as they are written and synced each 20 rows or each second: a
 killed run loses what was in flight and no more. Nobody but its writer writes a journal; nobody but ``merge`` writes
 ``results.nc``. Rows of a point are ordered by turn, which every start of a run raises, and only within a turn by
-clock: clocks of nodes differ. Reading keeps places of rows, not rows: a million points take some 20 bytes each.
+clock: clocks of nodes differ. Reading keeps places of rows, not rows: some 30 bytes for each point.
 """
 
 from __future__ import annotations
@@ -421,7 +421,7 @@ class Journal:
 class Replay:
     """Which row of which journal counts for each point of a plan: of several the last trusted, or the last.
 
-    Holds 19 bytes for each point. Equal keys share their first place.
+    Holds 27 bytes for each point. Equal keys share their first place.
     """
 
     def __init__(self, directory: str | Path, keys: Keys) -> None:
