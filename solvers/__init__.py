@@ -22,8 +22,10 @@ def _source_hash() -> str:
 
 
 SOURCE_HASH = _source_hash()
-_root = os.environ.get("CABLE_SWEEP_CACHE") or str(Path(os.environ.get("XDG_CACHE_HOME", "~/.cache")).expanduser())
-numba.config.CACHE_DIR = str(Path(_root) / "cable-sweep" / f"numba-{SOURCE_HASH}")  # type: ignore[attr-defined]
+_roots = (os.environ.get(name) for name in ("CABLE_SWEEP_CACHE", "NUMBA_CACHE_DIR", "XDG_CACHE_HOME"))
+_root = next((root for root in _roots if root), "~/.cache")
+CACHE = str(Path(_root).expanduser() / "cable-sweep" / f"numba-{SOURCE_HASH}")  # where compiled kernels are kept
+numba.config.CACHE_DIR = CACHE  # type: ignore[attr-defined]
 
 from .branches import ResponseCurve, response_curve  # noqa: E402
 from .catalogue import METHODS, MODELS, needs, solve, warm_up  # noqa: E402
@@ -50,9 +52,9 @@ from .scene import (  # noqa: E402
 )
 
 __all__ = [
-    "BNES", "METHODS", "MODELS", "QUANTITIES", "SOURCE_HASH", "TMD", "Ask", "CannotRepresent", "Cost", "CubicNES",
-    "Current", "End", "Feature", "Harmonic", "Motion", "PointMass", "Response", "ResponseCurve", "Scene", "Seabed",
-    "Section", "Start", "Status", "Stochastic", "Table", "Turn",
+    "BNES", "CACHE", "METHODS", "MODELS", "QUANTITIES", "SOURCE_HASH", "TMD", "Ask", "CannotRepresent", "Cost",
+    "CubicNES", "Current", "End", "Feature", "Harmonic", "Motion", "PointMass", "Response", "ResponseCurve", "Scene",
+    "Seabed", "Section", "Start", "Status", "Stochastic", "Table", "Turn",
     "Water", "Window", "needs", "response_curve", "solve",
     "warm_up",
 ]

@@ -1,8 +1,9 @@
 """The supervised child: points come in over a socket, records go back. Started by ``distribute`` only.
 
-A model that segfaults, loops for ever or is killed takes this process with it and nothing else. Messages
-are length-prefixed pickles on a socket of their own, so that stray prints cannot corrupt them. The child ends
-when its parent does: on Linux the kernel kills it, elsewhere it sees the closed socket at its next message.
+A model that segfaults, loops for ever, eats memory or is killed takes this process with it and nothing else. Messages
+are length-prefixed pickles on a socket of their own, so that stray prints cannot corrupt them. The child imports,
+says "imported", waits for "go" (the compiler's cache may still be filled by another rank), warms up, says "ready".
+It ends when its parent does: on Linux the kernel kills it, elsewhere it sees the closed socket at its next message.
 """
 
 from __future__ import annotations
@@ -12,15 +13,19 @@ import faulthandler
 import importlib
 import importlib.util
 import os
+import resource
 import signal
 import sys
 import traceback
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
+from dataclasses import replace
 from multiprocessing.connection import Connection
 from pathlib import Path
 from typing import Any
 
-from .point import Point, Record
+from .mistakes import ConfigError
+from .point import Order, Point, Record
+from .space import made
 
 PR_SET_PDEATHSIG = 1
 
@@ -48,7 +53,26 @@ def locate(name: str) -> Callable[..., Any]:
     return found
 
 
-def failed(point: Point, status: str, message: str, seconds: float = 0.0) -> Record:
+def limit_memory(limit: float) -> None:
+    """Let this process hold ``limit`` MB of data, and as much more as it has reserved and not used by now."""
+    usage = memory(os.getpid())
+    if usage is not None:
+        resident, data = usage
+        most = int((limit + max(data - resident, 0.0)) * 1e6)
+        resource.setrlimit(resource.RLIMIT_DATA, (most, resource.getrlimit(resource.RLIMIT_DATA)[1]))
+
+
+def memory(pid: int) -> tuple[float, float] | None:
+    """Resident memory of a process that is its own, and its data segment [MB]; None where nobody can say."""
+    try:
+        words = [int(word) for word in Path(f"/proc/{pid}/statm").read_text().split()]
+    except (OSError, ValueError):
+        return None
+    page = resource.getpagesize() / 1e6
+    return (words[1] - words[2]) * page, words[5] * page
+
+
+def failed(point: Point | Order, status: str, message: str, seconds: float = 0.0) -> Record:
     """The row of a point that gave no result."""
     return Record(
         key=point.key,
@@ -72,8 +96,19 @@ def guarded(evaluate: Callable[[Point], Record], point: Point) -> Record:
     """Evaluate a point; whatever is raised becomes a row."""
     try:
         return evaluate(point)
+    except MemoryError as error:
+        return failed(point, "MEMORY", reason(error))
     except BaseException as error:
         return failed(point, "ERROR", reason(error))
+
+
+def numbered(record: Record, objectives: Sequence[str]) -> Record:
+    """The record, not trusted any more where it has the study's objectives and none of them is a number."""
+    stems = [name.removesuffix("_mean").removesuffix("_worst") for name in objectives]
+    values = [record.metrics[name] for name in stems if name in record.metrics]
+    if record.status == "OK" and values and all(value != value for value in values):
+        return replace(record, status="ERROR", message=f"no number came out: {', '.join(stems)} are NaN")
+    return record
 
 
 def main(argv: list[str]) -> int:
@@ -83,18 +118,32 @@ def main(argv: list[str]) -> int:
     pipe = Connection(int(handle))
     try:
         evaluate = locate(evaluator)
+        pipe.send(("imported", ""))
+        study, limit = pipe.recv()
         for warm_up in warm_ups:
             locate(warm_up)()
+    except EOFError:
+        return 0
     except BaseException as error:
         pipe.send(("broken", reason(error)))
         return 1
+    if limit is not None:
+        limit_memory(limit)
     pipe.send(("ready", ""))
     while True:
         try:
             point = pipe.recv()
+            if isinstance(point, Order):
+                point = made(study, point)
         except EOFError:
             return 0
-        pipe.send(("record", guarded(evaluate, point)))
+        except ConfigError as error:
+            pipe.send(("broken", str(error)))
+            return 2
+        record = guarded(evaluate, point)
+        if study is not None and isinstance(record, Record):
+            record = numbered(record, study.objectives)
+        pipe.send(("record", record))
 
 
 if __name__ == "__main__":

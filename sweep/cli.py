@@ -21,9 +21,10 @@ from rich.console import Console
 
 from solvers import METHODS, MODELS, CannotRepresent, warm_up
 
-from . import config, distribute, pareto, report, store
+from . import config, distribute, locks, pareto, report, store
 from . import plan as planning
 from . import run as running
+from . import submit as submitting
 
 app = typer.Typer(
     add_completion=False,
@@ -43,6 +44,7 @@ class Retry(StrEnum):
     failed = "failed"
     untrusted = "untrusted"
     timeout = "timeout"
+    memory = "memory"
 
 
 def say(text: object = "", err: bool = False) -> None:
@@ -129,11 +131,10 @@ def run(
 ) -> None:
     """Run what is missing, on this core or, under `mpirun -n P python -m mpi4py -m sweep run`, on P."""
     ranks = distribute.world()
-    level = logging.INFO if ranks.rank == 0 else logging.WARNING
-    logging.basicConfig(level=level, format="%(asctime)s %(message)s", datefmt="%H:%M:%S", stream=sys.stderr)
+    _log(ranks)
     if ranks.rank > 0:
         raise typer.Exit(distribute.serve(ranks))
-    code = 2
+    code, abort = 2, False
     try:
         settings = running.Settings(
             directory=out,
@@ -144,12 +145,60 @@ def run(
         )
         ended = running.run(config.load_study(study), settings, ranks)
         code = ended.exit_code
-        say(report.ending(ended.pairs, ended.interrupted, ended.results, out))
+        say(report.ending(ended.groups, ended.interrupted, ended.results, out))
     except BAD_INPUT as error:
-        code = complain(error)
+        code, abort = complain(error), isinstance(error, distribute.Silent)
     finally:
-        distribute.dismiss(ranks, code)
+        distribute.dismiss(ranks, code, abort)
     raise typer.Exit(code)
+
+
+def _log(ranks: distribute.World) -> None:
+    """Rank 0 tells, the others warn; each line says whose it is where there are several ranks or tasks."""
+    job, rank = store.job_name(), f"{ranks.rank}/{ranks.size}" if ranks.size > 1 else ""
+    who = " ".join(word for word in (job and f"job {job}", rank and f"rank {rank}") if word)
+    logging.basicConfig(
+        level=logging.INFO if ranks.rank == 0 else logging.WARNING,
+        format="%(asctime)s " + (f"[{who}] " if who else "") + "%(message)s",
+        datefmt="%m-%d %H:%M:%S" if job else "%H:%M:%S",
+        stream=sys.stderr,
+    )
+
+
+@app.command()
+def submit(
+    study: File,
+    out: Annotated[Path, typer.Option(metavar="DIR", help="results folder; scripts and logs go there too")],
+    array: Annotated[int | None, typer.Option(min=1, metavar="K", help="K tasks of one core, without MPI")] = None,
+    ranks: Annotated[int | None, typer.Option(min=1, metavar="P", help="one MPI job of P ranks")] = None,
+    hours: Annotated[str | None, typer.Option("--time", metavar="HH:MM:SS", help="time limit of a job")] = None,
+    partition: Annotated[str | None, typer.Option(help="SLURM partition")] = None,
+    account: Annotated[str | None, typer.Option(help="SLURM account")] = None,
+    site: Annotated[Path | None, typer.Option(metavar="FILE", help="options of your cluster [slurm/site.yaml]")] = None,
+    pilots: Annotated[int, typer.Option(min=0, metavar="N", help="points to run first, here, to predict costs")] = 8,
+    limit: Limit = None,
+    retry: Annotated[list[Retry] | None, typer.Option(help="run these again; may be given twice")] = None,
+    force_version: Annotated[bool, typer.Option(help="add to rows of another solver version")] = False,
+    dry_run: Annotated[bool, typer.Option(help="show scripts and commands; run and write nothing")] = False,
+) -> None:
+    """Run what is missing as SLURM jobs, and merge after them."""
+    if (array is None) == (ranks is None):
+        raise typer.BadParameter("one of --array K and --ranks P is needed", param_hint="--array, --ranks")
+    _log(distribute.Alone())
+    kinds = [kind.value for kind in retry or ()]
+    extra = [f"--limit={limit}"] * (limit is not None) + [f"--retry={kind}" for kind in kinds]
+    given = {"time": hours, "partition": partition, "account": account}
+    settings = running.Settings(directory=out, limit=limit, retry=frozenset(kinds), any_version=force_version)
+    request = submitting.Request(
+        array=array,
+        ranks=ranks,
+        options={name: value for name, value in given.items() if value},
+        pilots=pilots,
+        extra=[*extra, *["--force-version"] * force_version],
+    )
+    loaded = config.load_study(study)
+    for line in submitting.submit(loaded, settings, request, submitting.load_site(site), dry_run):
+        say(line)
 
 
 @app.command()
@@ -159,15 +208,25 @@ def merge(directory: Folder) -> None:
 
 
 @app.command()
-def status(directory: Folder) -> None:
-    """What is done, what failed and why, and how long the rest will take."""
-    dataset = store.dataset_of(directory)
-    say(report.trust_summary(_pairs(dataset)))
-    say(report.outlook(int((dataset["status"] == "MISSING").sum()), *store.pace(directory)))
-
-
-def _pairs(dataset: xr.Dataset) -> list[tuple[str, str]]:
-    return list(zip(dataset["status"].values.ravel(), dataset["message"].values.ravel(), strict=True))
+def status(
+    directory: Folder,
+    missing: Annotated[bool, typer.Option("--missing", help="exit code 3 while points are to go")] = False,
+) -> None:
+    """What is done, what failed and why, how fast and by whom, and how long the rest will take; changes nothing."""
+    store.study_of(directory)
+    plan = planning.read_plan(directory / "plan.json")
+    replay = store.Replay(directory, plan.keys)
+    groups = running.tally(replay, plan.slice(0, 1))
+    live = locks.holders(directory)
+    say(report.trust_summary(groups))
+    if replay.journals:
+        say(report.writers_table(replay.journals, live, locks.server_clock(directory / "parts"), Console()))
+    to_go = groups["MISSING", ""]
+    parts = {holder.part for holder in live}
+    pace = sum(journal.pace for journal in replay.journals if journal.writer.rpartition("-")[0] in parts)
+    say(report.outlook(to_go, pace, len(live)))
+    if missing and to_go:
+        raise typer.Exit(3)
 
 
 # --------------------------------------------------------------------------------------------- trade-offs

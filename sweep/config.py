@@ -226,6 +226,7 @@ class StudyFile:
     objectives: tuple[str, ...] = ("delta", "gamma", "t_settle")
     repeats: Repeats = Field(default_factory=Repeats)
     time_limit: Positive | None = 600.0  # of one point [s], past it the row says TIMEOUT; null sets none
+    memory_limit: Positive | None = None  # of one point's process [MB], past it the row says MEMORY; null: its share
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -244,6 +245,7 @@ class Study:
     objectives: tuple[str, ...] = ()
     repeats: Repeats = field(default_factory=Repeats)
     time_limit: float | None = None  # [s]
+    memory_limit: float | None = None  # [MB]
     text: str = ""  # the study as one YAML without includes; loads as itself
 
     def assignments(self, values: Mapping[str, float]) -> dict[str, Any]:
@@ -448,6 +450,7 @@ def parse_study(
         objectives=objectives,
         repeats=repeats,
         time_limit=parts.get("time_limit", 600.0),
+        memory_limit=parts.get("memory_limit"),
         text=yaml.safe_dump(given | {"name": name}, sort_keys=False, allow_unicode=True),
     )
 

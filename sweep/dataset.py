@@ -50,25 +50,36 @@ UNITS = {  # of scene fields, for design variables
 
 
 def assemble(
-    study: Study, plan: Plan, rows: Mapping[str, Record], headers: Sequence[Mapping[str, Any]] = ()
+    study: Study,
+    plan: Plan,
+    rows: Mapping[str, Record],
+    headers: Sequence[Mapping[str, Any]] = (),
+    *,
+    metrics: Iterable[str] | None = None,
+    designs: slice = slice(None),
 ) -> xr.Dataset:
-    """One dataset of all planned points, by design and environment; without a row they are MISSING.
+    """One dataset of planned points, by design and environment; without a row they are MISSING.
 
     With one environment the dimension is ``point``; with several they are ``design`` and ``environment``, and
     each metric has its mean and its worst over the environments.
+
+    Parameters
+    ----------
+    metrics : names of all metrics that rows have; by default those of ``rows``
+    designs : a stretch of the plan's designs, so that a large file can be made piece by piece
     """
-    several = len(plan.environments) > 1
+    m = len(plan.environments)
+    begin, end, _ = designs.indices(len(plan.designs))
+    several = m > 1
     dims = ("design", "environment") if several else ("point",)
-    shape = (len(plan.designs), len(plan.environments))[: len(dims)]
-    records = [rows.get(key) or _missing(key) for key in plan.keys]
+    shape = (end - begin, m)[: len(dims)]
+    records = [rows.get(key) or _missing(key) for key in plan.keys[begin * m : end * m]]
     index = dims[0]
-    coordinates: dict[str, Any] = {
-        "design": (index, np.arange(len(plan.designs)), _about("1", "number of the design"))
-    }
+    coordinates: dict[str, Any] = {"design": (index, np.arange(begin, end), _about("1", "number of the design"))}
     if several:
         coordinates["environment"] = ("environment", plan.environments)
     for name in study.variables:
-        values = np.array([design[name] for design in plan.designs], dtype=float)
+        values = plan.designs.column(name)[begin:end].copy()
         coordinates[name] = (index, values, _variable_about(study, name))
     dataset = xr.Dataset(coords=coordinates, attrs=_attributes(study, headers))
     for field in fields(Record):
@@ -76,7 +87,8 @@ def assemble(
             kind = {"str": object, "int": np.int64, "float": np.float64}[str(field.type)]
             column = np.array([getattr(record, field.name) for record in records], dtype=kind)
             dataset[field.name] = (dims, column.reshape(shape), _about(*ABOUT[field.name]))
-    for name in _columns(study, records):
+    found = {name for record in records for name in record.metrics} if metrics is None else set(metrics)
+    for name in _columns(study, found):
         column = np.array([record.metrics.get(name, np.nan) for record in records], dtype=float)
         dataset[name] = (dims, column.reshape(shape), _metric_about(name))
         if several:
@@ -88,10 +100,9 @@ def _missing(key: str) -> Record:
     return Record(key=key, design=0, environment=0, values={}, status="MISSING", message="not run yet")
 
 
-def _columns(study: Study, records: Iterable[Record]) -> list[str]:
+def _columns(study: Study, found: set[str]) -> list[str]:
     """Every metric of the scene in declared order, then what else the rows bring (spreads)."""
     declared = metric_names(len(study.scene.devices))
-    found = {name for record in records for name in record.metrics}
     return [*declared, *sorted(found - set(declared))]
 
 

@@ -1,8 +1,9 @@
 """One map over points for serial runs, MPI ranks and array slices. The only file that imports mpi4py.
 
 No rank runs model code, not even in a serial run: each drives one supervised child and appends the rows
-to a journal of its own. Rank 0 also hands out the points. It never blocks: it polls its child and messages
-in turn, and so do the others, because a blocking receive would burn the core that the child computes on.
+to a journal of its own. Rank 0 also hands out the points, as orders (key and design variables), in chunks that last
+for a while; children make scenes of them. It never blocks: it polls its child and messages in turn, and so do the
+others, because a blocking receive would burn the core that the child computes on.
 """
 
 from __future__ import annotations
@@ -11,20 +12,31 @@ import os
 import signal
 import sys
 import time
-from collections import deque
-from collections.abc import Callable, Iterator, Mapping
+from collections import Counter, defaultdict, deque
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager, suppress
 from dataclasses import dataclass, field
+from pathlib import Path
 from types import FrameType
 from typing import Any, Protocol
 
-from .point import Point, Record
+from solvers import CACHE
+
+from .config import Study
+from .plan import Orders
+from .point import Order, Point, Record
 from .store import Store, open_store
 from .supervise import SIGNALS, CannotRun, Child
 
-GRACE = 5.0  # a point in flight may finish within this time of an interrupt [s]
+GRACE = {"SIGUSR1": 60.0}  # a point in flight may finish within this time of a signal [s] ...
+SHORT = 5.0  # ... and within this of the others: SLURM kills 30 s after SIGTERM
 POLL = 0.002  # how long a rank with something to do sleeps between looks [s]
-CHUNK = 16  # most points handed out at once
+CHUNK_SECONDS, CHUNK = 0.5, 1024  # a chunk lasts for so long, and holds no more points
+NEWS, ALIVE = 0.5, 10.0  # how often a rank tells of its rows, or that it lives [s]
+AHEAD = 1.0  # points shorter than this are fetched before they are needed [s]
+SILENCE = 300.0  # a rank that says nothing for longer is dead or hangs [s]
+WARM = 120.0  # the others wait no longer for the first of them to fill the compiler's cache [s]
+RANK_MEMORY = 300.0  # that a rank itself takes [MB]
 TAG = 7
 SIZES = ("SLURM_NTASKS", "PMI_SIZE", "OMPI_COMM_WORLD_SIZE", "MPI_LOCALNRANKS", "MV2_COMM_WORLD_SIZE")
 
@@ -40,18 +52,43 @@ class Job:
     evaluator: str = "sweep.evaluate:evaluate"
     warm_ups: tuple[str, ...] = ("solvers:warm_up",)
     time_limit: float | None = None  # of one point [s]
+    memory_limit: float | None = None  # of one point's process [MB]
+    study: Study | None = None  # of which orders are made points
+    turn: int | None = None  # of the run, the same for all ranks
+    silence: float = SILENCE
 
     def store(self, rank: int) -> Store:
-        return open_store(self.directory, f"{self.part}{rank}", self.header, any_version=self.any_version)
+        known = self.any_version or self.turn is not None  # then rank 0 has seen to it
+        return open_store(self.directory, f"{self.part}{rank}", self.header, any_version=known, turn=self.turn)
+
+    def child(self) -> Child:
+        limits = self.time_limit, self.memory_limit or memory_share()
+        return Child(self.evaluator, self.warm_ups, *limits, study=self.study)
 
 
 @dataclass(frozen=True)
 class Done:
-    """What the heartbeat needs of a finished point."""
+    """What the heartbeat needs of finished points."""
 
     status: str
     message: str
-    seconds: float
+    seconds: float  # of one of them
+    count: int = 1
+
+
+def memory_share() -> float | None:
+    """What a worker may use where the study does not say [MB]: its share of the job's or the machine's memory."""
+    cores = _count("SLURM_CPUS_PER_TASK") or 1
+    if limit := _count("SLURM_MEM_PER_CPU") * cores:
+        share = float(limit)
+    else:
+        here = _count("SLURM_NTASKS_PER_NODE") or _count("MPI_LOCALNRANKS") or _count("OMPI_COMM_WORLD_LOCAL_SIZE")
+        try:
+            share = os.sysconf("SC_PAGE_SIZE") * os.sysconf("SC_PHYS_PAGES") / 1e6
+        except (ValueError, OSError):
+            return None
+        share = 0.9 * min(share, _count("SLURM_MEM_PER_NODE") or share) / max(here, 1)
+    return round(max(share - RANK_MEMORY, share / 2))
 
 
 # --------------------------------------------------------------------------------------------- interrupts
@@ -62,18 +99,19 @@ class Interrupt:
 
     def __init__(self) -> None:
         self.name = ""
-        self.at = 0.0
+        self.end = 0.0  # of the grace, by the monotonic clock
 
     def set(self, name: str) -> None:
-        if not self.name:
-            self.name, self.at = name, time.monotonic()
+        end = time.monotonic() + GRACE.get(name, SHORT)
+        self.end = min(self.end, end) if self.name else end  # a SIGTERM after a SIGUSR1 is in more of a hurry
+        self.name = self.name or name
 
     def __bool__(self) -> bool:
         return bool(self.name)
 
     @property
     def overdue(self) -> bool:
-        return bool(self.name) and time.monotonic() - self.at > GRACE
+        return bool(self.name) and time.monotonic() > self.end
 
 
 @contextmanager
@@ -100,16 +138,18 @@ class World(Protocol):
 
     rank: int
     size: int
+    local: int  # rank among those of this node
 
     def send(self, to: int, message: Any) -> None: ...
     def receive(self) -> tuple[int, Any] | None: ...
     def finish(self) -> None: ...
+    def abort(self, code: int) -> None: ...
 
 
 class Alone:
     """A world of one."""
 
-    rank, size = 0, 1
+    rank, size, local = 0, 1, 0
 
     def send(self, to: int, message: Any) -> None:
         raise AssertionError("nobody to send to")
@@ -120,6 +160,9 @@ class Alone:
     def finish(self) -> None:
         pass
 
+    def abort(self, code: int) -> None:
+        raise AssertionError("nobody to abort")
+
 
 class Mpi:
     """COMM_WORLD."""
@@ -127,6 +170,7 @@ class Mpi:
     def __init__(self, MPI: Any) -> None:
         self._mpi, self._comm = MPI, MPI.COMM_WORLD
         self.rank, self.size = self._comm.rank, self._comm.size
+        self.local = self._comm.Split_type(MPI.COMM_TYPE_SHARED, self.rank).rank
         self._sent: list[Any] = []
 
     def send(self, to: int, message: Any) -> None:
@@ -145,6 +189,10 @@ class Mpi:
             request.wait()
         if not self._mpi.Is_finalized():
             self._mpi.Finalize()
+
+    def abort(self, code: int) -> None:
+        """End all ranks at once, those too that do not answer."""
+        self._comm.Abort(code)
 
 
 def world() -> World:
@@ -183,9 +231,11 @@ class _Worker:
 
     def __init__(self, job: Job, rank: int, interrupt: Interrupt, report: Callable[[Done], None]) -> None:
         self.store = job.store(rank)
-        self.child = Child(job.evaluator, job.warm_ups, job.time_limit)
-        self.queue: deque[Point] = deque()
+        self.store.open()
+        self.child = job.child()
+        self.queue: deque[Point | Order] = deque()
         self.interrupt, self.report = interrupt, report
+        self.rows = 0
 
     @property
     def busy(self) -> bool:
@@ -196,22 +246,40 @@ class _Worker:
         """Keep the child at work, and wait at most ``timeout`` for a row."""
         if self.interrupt:
             self.queue.clear()
+            self.child.drop()
         if self.interrupt.overdue:
             self.child.stop()
-        if self.queue and self.child.point is None:
-            self.child.submit(self.queue.popleft())
+        self.feed()
         record = self.child.poll(timeout)
         if record is not None:
+            done = Done(record.status, record.message, self.child.took)
+            self.feed()  # the child works on while the row is written
             self.store.append(record)
-            self.report(Done(record.status, record.message, record.seconds))
+            self.rows += 1
+            self.report(done)
+
+    def feed(self) -> None:
+        """Give the child its next point, and where points are short the one after it."""
+        while self.queue and (self.child.point is None or (self.child.ahead is None and 0 < self.child.took < AHEAD)):
+            self.child.submit(self.queue.popleft())
 
     def close(self) -> None:
         self.child.stop()
         self.store.close()
 
 
+def warm(mark: bool = False) -> bool:
+    """Whether a rank of this node, or of all where the cache is shared, has filled the compiler's cache."""
+    path = Path(CACHE) / "warm"
+    with suppress(OSError):
+        if mark:
+            path.touch()
+        return path.exists()
+    return True  # no cache can be kept: there is nothing to wait for
+
+
 def map_points(
-    points: list[Point],
+    points: Sequence[Point | Order] | Orders,
     job: Job,
     ranks: World,
     report: Callable[[Done], None] = lambda done: None,
@@ -219,8 +287,8 @@ def map_points(
 ) -> str:
     """Evaluate ``points`` over all ranks; rank 0 calls this while the others ``serve``.
 
-    Every row is in a journal before ``report`` hears of it; ``beat`` is called often. Returns the name of
-    the signal that stopped it early, or "". Raises ``CannotRun`` or ``StoreError`` when all have stopped.
+    Every row is in a journal before ``report`` hears of it; ``beat`` is called often. Returns the name of the signal
+    that stopped it early, or "". Raises ``CannotRun`` or ``StoreError`` when all have stopped.
     """
     with interruptible() as interrupt:
         return _Leader(points, job, ranks, interrupt, report, beat).run()
@@ -228,7 +296,7 @@ def map_points(
 
 def evaluate_alone(point: Point, job: Job) -> Record:
     """Evaluate one point in a child of its own, exactly as a run does."""
-    child = Child(job.evaluator, job.warm_ups, job.time_limit)
+    child = job.child()
     try:
         child.submit(point)
         while (record := child.poll(0.5)) is None:
@@ -238,35 +306,53 @@ def evaluate_alone(point: Point, job: Job) -> Record:
         child.stop()
 
 
+class _Queue:
+    """Points that nobody has yet."""
+
+    def __init__(self, points: Sequence[Point | Order] | Orders) -> None:
+        self._points = points
+        self._taken = 0
+
+    def __len__(self) -> int:
+        return len(self._points) - self._taken
+
+    def take(self, most: int) -> Sequence[Point | Order] | Orders:
+        begin = self._taken
+        self._taken = min(begin + most, len(self._points))
+        if isinstance(self._points, Orders):
+            return self._points.batch(begin, self._taken)
+        return self._points[begin : self._taken]
+
+
 class _Leader:
     """Rank 0: works like everybody else, and hands out the points."""
 
     def __init__(
         self,
-        points: list[Point],
+        points: Sequence[Point | Order] | Orders,
         job: Job,
         ranks: World,
         interrupt: Interrupt,
         report: Callable[[Done], None],
         beat: Callable[[], None],
     ) -> None:
-        self.queue = deque(points)
+        self.queue = _Queue(points)
         self.job, self.ranks, self.interrupt, self.report, self.beat = job, ranks, interrupt, report, beat
-        self.worker = _Worker(job, 0, interrupt, report)
+        self.mean = 0.0  # seconds of a point, over the last hundred or so
+        self.worker = _Worker(job, 0, interrupt, self.count)
         self.working: set[int] = set()  # ranks that have a job and have not said goodbye
+        self.heard: dict[int, float] = {}  # when each of them spoke last
 
     def run(self) -> str:
         try:
-            # The first point alone: it fills the compiler's cache, which the other children then read.
-            self.feed()
-            while self.worker.busy:
-                self.turn(0.1)
             if self.queue and not self.interrupt:
+                self.worker.child.start()
                 self.tell_others("job", self.job)
+                self.first()
             while self.working or self.worker.busy or (self.queue and not self.interrupt):
-                if not self.worker.busy:
+                if not self.worker.busy or (not self.worker.queue and 0 < self.mean < AHEAD):
                     self.feed()
-                self.turn(POLL if self.working else 0.1)
+                self.turn(min(max(self.mean / 10, POLL), 25 * POLL) if self.working else 0.1)
                 if self.interrupt and self.working:
                     self.call_off()
         except BaseException:
@@ -277,9 +363,28 @@ class _Leader:
             self.worker.close()
         return self.interrupt.name
 
+    def first(self) -> None:
+        """The first point alone: it fills the compiler's cache, which the other children then read."""
+        self.feed()
+        began = None
+        while self.worker.busy and self.ranks.size > 1:
+            self.turn(POLL)
+            if began is None and self.worker.child.ready:
+                began = time.monotonic()
+            if began is not None and time.monotonic() - began > WARM:
+                break
+        if self.ranks.size > 1:
+            warm(mark=True)
+        self.tell_others("go", None)
+
+    def count(self, done: Done) -> None:
+        share = max(done.count / 100, 0.02)
+        self.mean += (done.seconds - self.mean) * (min(share, 1.0) if self.mean else 1.0)
+        self.report(done)
+
     def feed(self) -> None:
-        if self.queue and not self.interrupt:
-            self.worker.queue.append(self.queue.popleft())
+        if not self.interrupt:
+            self.worker.queue.extend(self.queue.take(1 + (0 < self.mean < AHEAD and len(self.queue) > self.ranks.size)))
 
     def turn(self, timeout: float) -> None:
         self.worker.step(timeout)
@@ -289,36 +394,56 @@ class _Leader:
     def tell_others(self, kind: str, content: object) -> None:
         if kind == "job":
             self.working = set(range(1, self.ranks.size))
+            self.heard = dict.fromkeys(self.working, time.monotonic())
         for rank in self.working:
             self.ranks.send(rank, (kind, content))
 
     def listen(self) -> None:
         while (letter := self.ranks.receive()) is not None:
             rank, (kind, content) = letter
+            self.heard[rank] = time.monotonic()
             if kind == "done":
-                self.report(content)
+                for done in content:
+                    self.count(done)
             elif kind == "ask":
                 self.ranks.send(rank, ("points", self.chunk()))
             elif kind == "interrupted":
                 self.interrupt.set(content)
-            else:
+            elif kind in ("bye", "broken"):
                 self.working.discard(rank)
                 if kind == "broken":
                     text, resumable = content
                     raise CannotRun(f"rank {rank}: {text}", resumable)
+        oldest = min((self.heard[rank] for rank in self.working), default=time.monotonic())
+        if time.monotonic() - oldest > self.job.silence:
+            silent = sorted(rank for rank in self.working if self.heard[rank] == oldest)
+            raise Silent(f"rank {silent[0]} has been silent for {self.job.silence:.0f} s: it is dead or hangs")
 
-    def chunk(self) -> list[Point]:
-        """Small near the end, so that nobody is left with the last ones."""
-        size = 0 if self.interrupt else max(1, min(CHUNK, len(self.queue) // (8 * self.ranks.size)))
-        return [self.queue.popleft() for _ in range(min(size, len(self.queue)))]
+    def chunk(self) -> Sequence[Point | Order] | Orders:
+        """As many points as last for a while; fewer near the end, so that nobody is left with the last ones."""
+        if self.interrupt:
+            return []
+        lasting = CHUNK_SECONDS / self.mean if self.mean > 0 else 1
+        return self.queue.take(int(max(1, min(lasting, CHUNK, len(self.queue) / (4 * self.ranks.size)))))
 
     def call_off(self) -> None:
-        """Tell the others to stop, and wait until they have: a point in flight has ``GRACE`` to end."""
+        """Tell the others to stop, and wait until they have: a point in flight has its grace to end."""
         self.tell_others("stop", self.interrupt.name)
-        while self.working and time.monotonic() - self.interrupt.at < 2 * GRACE:
-            with suppress(Exception):  # whatever fails now, the others must still hear the end
+        while self.working and time.monotonic() < self.interrupt.end + SHORT:
+            try:
                 self.turn(POLL)
+            except Silent:
+                break
+            except Exception:
+                continue
         self.working.clear()
+
+
+class Silent(CannotRun):
+    """A rank does not answer; all that is written is safe, and the job can only be aborted."""
+
+    def __init__(self, text: str) -> None:
+        super().__init__(f"{text}. The run is given up; the same command goes on from here.", resumable=True)
 
 
 def serve(ranks: World) -> int:
@@ -353,35 +478,64 @@ class _Dismissed(Exception):
 
 
 class _Follower:
-    """A rank above 0 with a job: asks for points while its last one is in flight, so as never to wait."""
+    """A rank above 0 with a job: asks for more while it still has points, so as never to wait."""
 
     def __init__(self, job: Job, ranks: World, interrupt: Interrupt) -> None:
         self.ranks, self.interrupt = ranks, interrupt
-        self.worker = _Worker(job, ranks.rank, interrupt, lambda done: ranks.send(0, ("done", done)))
+        self.worker = _Worker(job, ranks.rank, interrupt, self.note)
+        self.news: Counter[tuple[str, str]] = Counter()  # rows that rank 0 has not heard of
+        self.seconds: defaultdict[tuple[str, str], float] = defaultdict(float)
+        self.told = time.monotonic()
         self.more = True  # rank 0 may have points for us
         self.asked = False
+        self.going = False  # rank 0 has filled the compiler's cache
+        self.since = 0.0
+        self.low = 0  # ask for more at so many points
 
     def run(self) -> None:
         told = False
+        self.worker.child.start()
         try:
             while self.more or self.worker.busy:
                 if self.interrupt and not told:
                     told = True
                     self.ranks.send(0, ("interrupted", self.interrupt.name))
-                if self.more and not self.asked and not self.worker.queue:
+                enough = len(self.worker.queue) > self.low if self.worker.child.took < AHEAD else self.worker.busy
+                if self.going and self.more and not self.asked and not enough:
                     self.asked = True
                     self.ranks.send(0, ("ask", None))
-                self.worker.step(POLL if self.asked else 10 * POLL)
+                self.worker.step(POLL if self.asked or not self.going else 10 * POLL)
                 self.listen()
+                self.tell()
         finally:
             self.worker.close()
+        self.tell(last=True)
+
+    def note(self, done: Done) -> None:
+        self.news[done.status, done.message] += 1
+        self.seconds[done.status, done.message] += done.seconds
+        if self.worker.rows == 1:
+            warm(mark=True)
+
+    def tell(self, last: bool = False) -> None:
+        """Send what was done, or a sign of life, now and then."""
+        every = NEWS * max(1.0, self.ranks.size / 256) if self.news else ALIVE
+        if last or time.monotonic() - self.told > every:
+            self.told = time.monotonic()
+            rows = [Done(*pair, self.seconds[pair] / n, n) for pair, n in self.news.items()]
+            self.ranks.send(0, ("done", rows))
+            self.news.clear()
+            self.seconds.clear()
 
     def listen(self) -> None:
         while (letter := self.ranks.receive()) is not None:
             kind, content = letter[1]
-            if kind == "points":
+            if kind == "go":
+                self.since = time.monotonic()
+            elif kind == "points":
                 self.asked = False
-                self.more = bool(content) and self.more
+                self.more = len(content) > 0 and self.more
+                self.low = len(content) // 4
                 self.worker.queue.extend(content)
             elif kind == "stop":
                 self.interrupt.set(content)
@@ -389,10 +543,16 @@ class _Follower:
             elif kind == "quit":  # rank 0 could not wait for the point in flight
                 self.more = False
                 raise _Dismissed(int(content))
+        if self.since and not self.going:  # on another node, with a cache of its own, one rank goes first
+            self.going = self.ranks.local == 0 or warm() or time.monotonic() - self.since > WARM
+            if self.going:
+                self.worker.child.go()
 
 
-def dismiss(ranks: World, code: int) -> None:
-    """Rank 0's last word: every rank closes MPI and ends."""
+def dismiss(ranks: World, code: int, abort: bool = False) -> None:
+    """Rank 0's last word: every rank closes MPI and ends; ``abort`` where one of them does not answer."""
+    if abort and ranks.size > 1:
+        ranks.abort(code)
     for rank in range(1, ranks.size):
         ranks.send(rank, ("quit", code))
     ranks.finish()

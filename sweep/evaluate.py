@@ -82,7 +82,7 @@ def _guarded(point: Point) -> tuple[Record, Response | None]:
     except CannotRepresent as error:
         return _failed(point, Status.CANNOT_REPRESENT.name, str(error)), None
     except Exception as error:  # the row says what happened; the study goes on
-        return _failed(point, "ERROR", _say(error)), None
+        return _failed(point, "MEMORY" if isinstance(error, MemoryError) else "ERROR", _say(error)), None
 
 
 def _failed(point: Point, status: str, message: str) -> Record:

@@ -1,4 +1,4 @@
-"""What travels between the study, the workers and the store: a Point goes out, a Record comes back."""
+"""What travels between the study, the workers and the store: an Order or a Point goes out, a Record comes back."""
 
 from __future__ import annotations
 
@@ -22,6 +22,16 @@ class Point:
 
 
 @dataclass(frozen=True, kw_only=True)
+class Order:
+    """A planned point on its way to where it is run: what a Point is made of, beside the study."""
+
+    key: str
+    design: int
+    environment: int
+    values: dict[str, float]
+
+
+@dataclass(frozen=True, kw_only=True)
 class Record:
     """The row of a point: always there, whatever happened to the run. Plain data, JSON-safe."""
 
@@ -29,7 +39,7 @@ class Record:
     design: int
     environment: int
     values: dict[str, float]
-    status: str  # solvers.Status name, or CRASHED, TIMEOUT, ERROR, BASELINE_FAILED
+    status: str  # solvers.Status name, or CRASHED, TIMEOUT, MEMORY, ERROR, BASELINE_FAILED
     message: str = ""
     metrics: dict[str, float] = field(default_factory=dict)  # NaN (JSON null) where the run failed
     energy_residual: float = float("nan")

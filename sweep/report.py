@@ -18,13 +18,15 @@ from rich.table import Table
 
 from .config import METRICS, Study, find_metric
 from .distribute import Done
+from .locks import Holder
 from .pareto import column
 from .plan import PilotRun, Plan
-from .store import outcome
+from .store import Journal, outcome
 
-EVERY_SECONDS = 30.0
+EVERY_SECONDS = 30.0, 600.0  # between two lines of the log: at first, and at most
 EVERY_SHARE = 0.05
 ROW_BYTES = 2500  # a journal's row and its share of results.nc
+MOST_WRITERS = 100  # that a table lists
 SETTLED, MARCHED = ("harmonics", "multiplier"), ("steps_per_period",)  # columns of harmonic balance, of a march
 
 log = logging.getLogger(__name__)
@@ -38,29 +40,33 @@ def duration(seconds: float) -> str:
 
 
 class Progress:
-    """Counts rows and logs a line each 30 s or 5 %, whichever comes later than a second after the last."""
+    """Counts rows and logs a line each 30 s or 5 %; less often as a run gets longer, for a log of a week of lines."""
 
     def __init__(self, total: int) -> None:
         self.total, self.done = total, 0
         self.counts: Counter[str] = Counter()
-        self._said = time.monotonic()
+        self._began = self._said = time.monotonic()
         self._said_at = 0
         self._first: float | None = None  # when the first row came; what went before was compiling
+        self._before = 0  # rows that came with it
 
     def report(self, done: Done) -> None:
-        self.done += 1
-        self._first = self._first or time.monotonic()
-        self.counts[outcome(done.status)] += 1
+        if self._first is None and done.count:
+            self._first, self._before = time.monotonic(), done.count
+        self.done += done.count
+        self.counts[outcome(done.status)] += done.count
         if outcome(done.status) == "failed":
             log.debug("%s: %s", done.status, done.message)
 
     def beat(self) -> None:
         """Say how far it is, if it is time."""
-        elapsed = time.monotonic() - self._said
+        now = time.monotonic()
+        elapsed = now - self._said
+        every = min(max((now - self._began) / 20, EVERY_SECONDS[0]), EVERY_SECONDS[1])
         far = self.done - self._said_at >= EVERY_SHARE * self.total
-        if elapsed < 1.0 or not (elapsed >= EVERY_SECONDS or far):
+        if elapsed < 1.0 or not (elapsed >= every or far):
             return
-        self._said, self._said_at = time.monotonic(), self.done
+        self._said, self._said_at = now, self.done
         log.info("%s", self.line())
 
     def line(self) -> str:
@@ -69,9 +75,11 @@ class Progress:
         text += "".join(
             f", {self.counts[kind]} {kind}" for kind in ("failed", "untrusted") if self.counts[kind]
         )
-        if self._first is not None and 1 < self.done < self.total:
-            each = (time.monotonic() - self._first) / (self.done - 1)
-            text += f", about {duration(each * (self.total - self.done))} left"
+        if self._first is not None and self._before < self.done:
+            each = (time.monotonic() - self._first) / (self.done - self._before)
+            text += f", {1 / each:.3g} points/s" if each > 0 else ""
+            if self.done < self.total:
+                text += f", about {duration(each * (self.total - self.done))} left"
         return text
 
 
@@ -84,30 +92,30 @@ def grouped(pairs: Iterable[tuple[str, str]]) -> list[tuple[int, str, str]]:
     """(count, status, message) of equal failures, most frequent first; numbers in messages are ignored."""
     counts: Counter[tuple[str, str]] = Counter()
     first: dict[tuple[str, str], str] = {}
-    for status, message in pairs:
+    for (status, message), n in (pairs if isinstance(pairs, Counter) else Counter(pairs)).items():
         group = (status, _NUMBER.sub("#", message))
-        counts[group] += 1
+        counts[group] += n
         first.setdefault(group, message)
     return [(count, group[0], first[group]) for group, count in counts.most_common()]
 
 
-def trust_summary(pairs: Sequence[tuple[str, str]]) -> str:
+def trust_summary(pairs: Iterable[tuple[str, str]]) -> str:
     """How many points may be believed, and why the others may not, from each point's (status, message)."""
-    counts = Counter(outcome(status) for status, _ in pairs)
-    total = len(pairs)
+    groups = pairs if isinstance(pairs, Counter) else Counter(pairs)
+    counts: Counter[str] = Counter()
+    for (status, _), n in groups.items():
+        counts[outcome(status)] += n
+    total = counts.total()
     lines = [
         f"trusted    {counts['trusted']:6d} of {total} ({100 * counts['trusted'] / max(total, 1):.1f} %)"
     ]
     for kind in ("untrusted", "failed"):
         if counts[kind]:
             lines.append(f"{kind:<10} {counts[kind]:6d}")
-            groups = grouped(pair for pair in pairs if outcome(pair[0]) == kind)
-            lines += [
-                f"    {count:6d}  {status}: {message or 'no message'}"
-                for count, status, message in groups[:8]
-            ]
-            if len(groups) > 8:
-                lines.append(f"    {sum(count for count, _, _ in groups[8:]):6d}  others")
+            found = grouped(Counter({pair: n for pair, n in groups.items() if outcome(pair[0]) == kind}))
+            lines += [f"    {count:6d}  {status}: {message or 'no message'}" for count, status, message in found[:8]]
+            if len(found) > 8:
+                lines.append(f"    {sum(count for count, _, _ in found[8:]):6d}  others")
     if counts["missing"]:
         lines.append(f"missing    {counts['missing']:6d}  not run yet")
     return "\n".join(lines)
@@ -244,11 +252,11 @@ def describe(study: Study, plan: Plan, pilots: Sequence[PilotRun]) -> str:
     points = len(plan)
     lines = [
         f"{study.name}: {len(plan.designs)} designs in {len(plan.environments)} environment"
-        f"{'s' * (len(plan.environments) > 1)}, {points} points, {len(set(plan.keys))} of them distinct",
+        f"{'s' * (len(plan.environments) > 1)}, {points} points, {int(plan.keys.firsts().sum())} of them distinct",
         f"variables    {', '.join(study.variables) or 'none'}",
         f"sampler      {study.sampler.kind}, seed {study.sampler.seed}",
         f"objectives   {', '.join(study.objectives)}",
-        f"baseline     {study.settings.baseline}, {len(plan.baselines)} different",
+        f"baseline     {study.settings.baseline}, {plan.different} different",
         f"time limit   {duration(study.time_limit) if study.time_limit else 'none'} for a point",
     ]
     for pilot in pilots:
@@ -279,7 +287,7 @@ def _fineness(response: Any) -> str:
     return f"{response.steps_per_period:.3g} steps in the shortest period"
 
 
-def ending(pairs: Sequence[tuple[str, str]], interrupted: str, results: Path | None, directory: Path) -> str:
+def ending(pairs: Iterable[tuple[str, str]], interrupted: str, results: Path | None, directory: Path) -> str:
     """The last words of a run: trust, and where it leaves off."""
     lines = [trust_summary(pairs)]
     if interrupted:
@@ -291,13 +299,34 @@ def ending(pairs: Sequence[tuple[str, str]], interrupted: str, results: Path | N
     return "\n".join(lines)
 
 
-def outlook(missing: int, rate: float, age: float) -> str:
-    """When the missing points will be there."""
+def outlook(missing: int, rate: float, working: int) -> str:
+    """When the missing points will be there, at a pace [points/s] of so many live runs."""
     if not missing:
         return "complete"
-    if rate <= 0 or age > 600:
-        return f"{missing} points to go; no run has written a row in the last ten minutes"
-    return f"{missing} points to go, about {duration(missing / rate)} at the present pace"
+    if not working:
+        return f"{missing} points to go; no run works on them now"
+    if rate <= 0:
+        return f"{missing} points to go; {working} at work, no pace yet"
+    return f"{missing} points to go, {rate:.3g} points/s, about {duration(missing / rate)} left"
+
+
+def writers_table(journals: Sequence[Journal], live: Sequence[Holder], now: float, console: Console) -> str:
+    """Who has written rows: rank or array task, host, job, rows, failures, pace, and whether it is at work."""
+    working = {holder.part for holder in live}
+    rows = []
+    numbers = re.compile(r"(\d+)")
+    for journal in sorted(journals, key=lambda j: [int(n) if n.isdigit() else n for n in numbers.split(j.writer)]):
+        part, _, rank = journal.writer.rpartition("-")
+        at_work = part in working
+        name = f"{part} rank {rank}".strip() if rank != "0" or not part else part
+        last = duration(max(now - journal.touched, 0.0)) + " ago" if journal.rows else "-"
+        pace = f"{journal.pace:.3g}" if at_work else "-"
+        counts = journal.rows, journal.failed
+        rows.append((name, journal.host, journal.job or "-", *counts, pace, last, "yes" if at_work else "no"))
+    headings = ("writer", "host", "job", "rows", "failed", "points/s", "last row", "at work")
+    shown = rows if len(rows) <= MOST_WRITERS else [row for row in rows if row[-1] == "yes"][:MOST_WRITERS]
+    text = table("", headings, shown, console)
+    return text if len(shown) == len(rows) else f"{text}\n... and {len(rows) - len(shown)} others"
 
 
 def charted(data: xr.Dataset, console: Console) -> str:

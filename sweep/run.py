@@ -6,24 +6,45 @@ import hashlib
 import importlib.metadata
 import logging
 import math
+import os
 import platform
+import shutil
 import subprocess
-from collections.abc import Iterable, Mapping
+import time
+from collections import Counter
+from collections.abc import Mapping
+from contextlib import suppress
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
-from solvers import SOURCE_HASH
+import numpy as np
 
-from . import distribute
+from solvers import CACHE, SOURCE_HASH
+
+from . import distribute, locks
 from .config import Study
-from .plan import Plan, read_plan
+from .plan import Orders, Plan, read_plan
 from .point import Record
 from .report import Progress
-from .store import merge, outcome, prepare, read_records, settle, study_of
+from .store import (
+    Replay,
+    StoreError,
+    job_name,
+    merge,
+    outcome,
+    prepare,
+    read_records,
+    same_version,
+    settle,
+    study_of,
+)
+from .supervise import CannotRun
 
 PACKAGES = ("numpy", "scipy", "numba", "xarray", "pydantic")
-RETRIES = ("failed", "untrusted", "timeout")
+RETRIES = ("failed", "untrusted", "timeout", "memory")
+FRUITLESS = 3  # turns of a job that may end in a row without a point
+OLD_CACHE = 14.0  # kernels of other versions that were not used for so long are removed [days]
 
 log = logging.getLogger(__name__)
 
@@ -47,7 +68,7 @@ class Outcome:
 
     planned: int  # points that were this run's business
     before: int  # of them done by earlier runs
-    rows: dict[str, Record] = field(default_factory=dict)  # of these points
+    groups: Counter[tuple[str, str]] = field(default_factory=Counter)  # (status, message) of these points, MISSING too
     interrupted: str = ""  # the signal's name
     results: Path | None = None  # None for a slice or an interrupted run
 
@@ -55,13 +76,7 @@ class Outcome:
     def exit_code(self) -> int:
         if self.interrupted:
             return 3
-        return 1 if any(outcome(row.status) == "failed" for row in self.rows.values()) else 0
-
-    @property
-    def pairs(self) -> list[tuple[str, str]]:
-        """(status, message) of every point, MISSING ones too."""
-        missing = [("MISSING", "")] * (self.planned - len(self.rows))
-        return [(row.status, row.message) for row in self.rows.values()] + missing
+        return 1 if any(outcome(status) == "failed" for status, _ in self.groups) else 0
 
 
 def provenance(study: Study) -> dict[str, Any]:
@@ -91,56 +106,125 @@ def _git_state() -> dict[str, Any]:
         return {}
 
 
-def to_do(keys: Iterable[str], rows: Mapping[str, Record], retry: frozenset[str] = frozenset()) -> list[str]:
-    """Keys without a final row, each once, in their order."""
-
-    def again(row: Record) -> bool:
-        return outcome(row.status) in retry or row.status.lower() in retry
-
-    return [key for key in dict.fromkeys(keys) if key not in rows or again(rows[key])]
+def to_do(business: np.ndarray, replay: Replay, retry: frozenset[str] = frozenset()) -> np.ndarray:
+    """Those of the places that have no final row."""
+    again = [name == "MISSING" or outcome(name) in retry or name.lower() in retry for name in replay.names]
+    return business[np.array(again)[replay.status[business]]]
 
 
 def run(study: Study, settings: Settings, ranks: distribute.World | None = None) -> Outcome:
     """Run what is not done yet; rank 0 calls this while the other ranks ``distribute.serve``."""
     ranks = ranks or distribute.Alone()
     directory = settings.directory
-    job = distribute.Job(
-        directory=str(directory),
-        part="" if settings.part is None else f"part{settings.part[0]}of{settings.part[1]}-",
-        header=provenance(study),
+    header = provenance(study)
+    part = "" if settings.part is None else f"part{settings.part[0]}of{settings.part[1]}"
+    lock = locks.acquire(directory, part, header["study"])
+    try:
+        clean_caches()
+        plan = prepare(study, directory, settings.limit)
+        replay = Replay(directory, plan.keys)
+        if not settings.any_version:
+            same_version(directory, header["solver"], replay.headers)
+        _fruitful(replay, part)
+        mine = _business(plan, settings)
+        left = to_do(mine, replay, settings.retry)
+        before, turn = len(mine) - len(left), replay.turn + 1
+        del replay
+        log.info("%d points, %d to do, on %d rank%s", len(mine), len(left), ranks.size, "s" * (ranks.size > 1))
+        interrupted = ""
+        if len(left):
+            plan.point(study, left[0])  # ConfigError here rather than in every child
+            job = job_of(study, settings, header, part, turn)
+            dearest = np.argsort(-plan.costs[left], kind="stable")  # long points last would be waited for
+            progress = Progress(len(left))
+
+            def beat() -> None:
+                progress.beat()
+                if lock.lost:
+                    raise StoreError(f"{lock.path} was taken by another run: this one stops")
+
+            orders = Orders.of(plan, left[dearest])
+            del dearest, left
+            interrupted = distribute.map_points(orders, job, ranks, progress.report, beat)
+            log.info("%s", progress.line())
+        replay = Replay(directory, plan.keys)
+        # whichever slice ends last makes the file: a merge job that depends on requeued tasks may come too early
+        over = settings.part is None or not len(to_do(plan.slice(0, 1), replay))
+        groups = tally(replay, mine)
+        del replay
+        return Outcome(
+            planned=len(mine),
+            before=before,
+            groups=groups,
+            interrupted=interrupted,
+            results=merge(directory) if over and not interrupted else None,
+        )
+    finally:
+        lock.release()
+
+
+def job_of(study: Study, settings: Settings, header: Mapping[str, Any], part: str, turn: int) -> distribute.Job:
+    """What the ranks need to work on a part of a study ("" for all of it)."""
+    return distribute.Job(
+        directory=str(settings.directory),
+        part=f"{part}-" if part else "",
+        header=header,
         any_version=settings.any_version,
         evaluator=settings.evaluator,
         warm_ups=settings.warm_ups,
         time_limit=study.time_limit,
-    )
-    rows = job.store(0).rows()
-    plan = prepare(study, directory, settings.limit)
-    mine = _business(plan, settings)
-    left = to_do(mine, rows, settings.retry)
-    log.info("%d points, %d to do, on %d rank%s", len(mine), len(left), ranks.size, "s" * (ranks.size > 1))
-    progress = Progress(len(left))
-    points = [plan.point(study, mine[key]) for key in left]
-    interrupted = distribute.map_points(points, job, ranks, progress.report, progress.beat) if points else ""
-    log.info("%s", progress.line())
-    rows = settle(read_records(directory))
-    return Outcome(
-        planned=len(mine),
-        before=len(mine) - len(left),
-        rows={key: rows[key] for key in mine if key in rows},
-        interrupted=interrupted,
-        results=merge(directory) if settings.part is None and not interrupted else None,
+        memory_limit=study.memory_limit,
+        study=study,
+        turn=turn,
     )
 
 
-def _business(plan: Plan, settings: Settings) -> dict[str, int]:
-    """The keys that this run is to have rows for, each with its first place in the plan."""
-    indices = plan.slice(*(settings.part or (0, 1)))
+def _business(plan: Plan, settings: Settings) -> np.ndarray:
+    """The places of the plan that this run is to have rows for, equal physics once."""
+    places = plan.slice(*(settings.part or (0, 1)))
     end = len(plan) if settings.limit is None else settings.limit * len(plan.environments)
-    found: dict[str, int] = {}
-    for i in indices:
-        if i < end:
-            found.setdefault(plan.keys[i], i)
-    return found
+    return places[places < end]
+
+
+def _fruitful(replay: Replay, part: str) -> None:
+    """Refuse to requeue for ever a job whose turns end before any of its points does."""
+    mine = [journal for journal in replay.journals if journal.writer.rpartition("-")[0] == part]
+    requeued = os.environ.get("SLURM_RESTART_COUNT", "0") != "0"
+    if requeued and mine and min(journal.starts for journal in mine) >= FRUITLESS:
+        raise CannotRun(
+            f"job {job_name()}: {FRUITLESS} turns in a row ended before any point did. Points take longer than the "
+            "job's time limit: raise --time, or set a `time_limit` in the study, and submit again."
+        )
+
+
+def tally(replay: Replay, places: np.ndarray) -> Counter[tuple[str, str]]:
+    """(status, message) of the places, counted; messages of points that are not trusted only."""
+    codes, counts = np.unique(replay.status[places], return_counts=True)
+    groups = Counter(
+        {
+            (replay.names[code], ""): int(count)
+            for code, count in zip(codes, counts, strict=True)
+            if outcome(replay.names[code]) in ("trusted", "missing")
+        }
+    )
+    told = np.array([outcome(name) in ("failed", "untrusted") for name in replay.names])
+    for record in replay.records(places[told[replay.status[places]]]):
+        groups[record.status, record.message] += 1
+    return groups
+
+
+def clean_caches(days: float = OLD_CACHE) -> list[Path]:
+    """Remove folders of kernels compiled from other sources that nobody has used for a while."""
+    mine = Path(CACHE)
+    removed = []
+    with suppress(OSError):
+        mine.mkdir(parents=True, exist_ok=True)
+        os.utime(mine)
+        for folder in mine.parent.glob("numba-*"):
+            if folder != mine and time.time() - folder.stat().st_mtime > days * 86400:
+                shutil.rmtree(folder, ignore_errors=True)
+                removed.append(folder)
+    return removed
 
 
 def rerun(directory: Path, key: str) -> tuple[Record, Record | None]:
@@ -148,7 +232,7 @@ def rerun(directory: Path, key: str) -> tuple[Record, Record | None]:
     study = study_of(directory)
     plan = read_plan(Path(directory) / "plan.json")
     point = plan.point(study, plan.keys.index(key))
-    job = distribute.Job(time_limit=study.time_limit)
+    job = distribute.Job(time_limit=study.time_limit, memory_limit=study.memory_limit)
     return distribute.evaluate_alone(point, job), settle(read_records(directory)).get(key)
 
 

@@ -6,6 +6,7 @@ import dataclasses
 import hashlib
 import itertools
 import json
+import math
 import warnings
 from collections.abc import Iterator, Mapping
 from dataclasses import asdict, replace
@@ -17,10 +18,11 @@ from scipy.stats import qmc
 
 from solvers import Ask, PointMass, Scene, Section
 
-from .config import AskSection, MetricSettings, Study
+from .config import AskSection, ConfigError, MetricSettings, Study
 from .fields import apart, assign, bind, dump
 from .mend import plain
-from .point import Point
+from .mistakes import ABSENT, Mistake
+from .point import Order, Point
 
 # --------------------------------------------------------------------------- designs
 
@@ -49,6 +51,19 @@ def unit_samples(study: Study) -> np.ndarray:
     with warnings.catch_warnings():  # a prefix of a Sobol sequence is wanted, balanced or not
         warnings.simplefilter("ignore", UserWarning)
         return qmc.Sobol(d, scramble=True, seed=rng).random(n)
+
+
+def count_designs(study: Study) -> int:
+    """How many designs the study has."""
+    if not study.variables:
+        return 1
+    if study.sampler.kind == "grid":
+        given, n = study.sampler.levels, study.sampler.n
+        return math.prod(
+            len(variable.values) if variable.values is not None else given.get(key) or n or 1
+            for key, variable in study.variables.items()
+        )
+    return study.sampler.n or 1
 
 
 def _grid(study: Study) -> np.ndarray:
@@ -100,6 +115,16 @@ def make_point(study: Study, design: int, environment: int, values: Mapping[str,
         ask=ask,
         settings=study.settings,
     )
+
+
+def made(study: Study, order: Order) -> Point:
+    """An order as a point, ready to run; ConfigError where the study gives it another key than the plan."""
+    point = make_point(study, order.design, order.environment, order.values)
+    if point.key != order.key:
+        problem = f"the plan has {order.key} here, the study gives {point.key}"
+        where = f"design {order.design}, environment {order.environment}"
+        raise ConfigError([Mistake(where, ABSENT, problem, "the study has changed: use a new directory")])
+    return point
 
 
 def points(study: Study, limit: int | None = None) -> Iterator[Point]:

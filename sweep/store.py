@@ -1,8 +1,10 @@
 """Rows on disk and in memory: one append-only journal for each writer, one ``results.nc`` made by ``merge``.
 
-A journal is JSON lines: a header (solver version, packages, git state, study), then one row for each point.
-Lines are flushed as they are written and synced each 20 rows or each second: a killed run loses what was
-in flight and no more. Nobody but its writer writes a journal; nobody but ``merge`` writes ``results.nc``.
+A journal is JSON lines: a header (solver version, packages, git state, study), a line for each start (turn, host,
+job), then one row for each point. Lines are flushed as they are written and synced each 20 rows or each second: a
+killed run loses what was in flight and no more. Nobody but its writer writes a journal; nobody but ``merge`` writes
+``results.nc``. Rows of a point are ordered by turn, which every start of a run raises, and only within a turn by
+clock: clocks of nodes differ. Reading keeps places of rows, not rows: some 30 bytes for each point.
 """
 
 from __future__ import annotations
@@ -13,23 +15,31 @@ import json
 import logging
 import math
 import os
+import socket
+import threading
 import time
+from collections import OrderedDict, deque
 from collections.abc import Callable, Iterable, Iterator, Mapping
 from contextlib import contextmanager, suppress
-from dataclasses import fields
+from dataclasses import dataclass, field, fields
 from pathlib import Path
 from typing import Any, BinaryIO, Protocol
 
+import netCDF4
+import numpy as np
 import xarray as xr
 
 from .config import Study, load_study
 from .dataset import assemble
-from .plan import Plan, make_plan, read_plan, write_plan
+from .plan import Keys, Plan, make_plan, read_plan, write_plan
 from .point import Record
-from .space import designs
+from .space import count_designs
 
 SYNC_ROWS = 20
 SYNC_SECONDS = 1.0
+PIECE = 4096  # points of results.nc made at a time
+OPEN_FILES = 64  # journals held open while rows are collected
+RECENT = 600.0  # span over which a journal's pace is taken [s]
 UNTRUSTED = frozenset(  # metrics, no trust
     {"UNRESOLVED", "COARSE_STEP", "ENERGY_OPEN", "FEW_HARMONICS", "UNSTABLE", "ROD_NEEDED"}
 )
@@ -68,6 +78,7 @@ def outcome(status: str) -> str:
 class Store(Protocol):
     """Where rows go, and where a resumed run finds them."""
 
+    def open(self) -> None: ...
     def append(self, record: Record) -> None: ...
     def rows(self) -> dict[str, Record]: ...
     def close(self) -> None: ...
@@ -110,6 +121,7 @@ def to_line(record: Record, at: float) -> bytes:
 
 _FLOATS = [f.name for f in fields(Record) if f.type == "float"]
 _NAMES = [f.name for f in fields(Record)]
+_NEEDED = {"key", "design", "environment", "status"}
 
 
 def from_row(row: Mapping[str, Any]) -> Record:
@@ -123,16 +135,32 @@ def from_row(row: Mapping[str, Any]) -> Record:
 
 def read_journal(path: Path) -> Iterator[dict[str, Any]]:
     """The complete lines of a journal, headers too; a torn last line is left out, a spoilt one is skipped."""
+    return (row for _, row in _lines(path))
+
+
+def _lines(path: Path) -> Iterator[tuple[int, dict[str, Any]]]:
+    """Each complete line with the byte at which it begins."""
+    place = 0
     with path.open("rb") as stream:
         for number, line in enumerate(stream, 1):
             if not line.endswith(b"\n"):
                 return
-            try:
-                row = json.loads(line)
-            except ValueError:
+            row = _row(line)
+            if row is None:
                 log.warning("%s: line %d is not a row and is left out", path, number)
-                continue
-            yield row
+            else:
+                yield place, row
+            place += len(line)
+
+
+def _row(line: bytes) -> dict[str, Any] | None:
+    try:
+        row = json.loads(line)
+    except ValueError:
+        return None
+    if not isinstance(row, dict) or not (row.keys() & {"header", "start"} or row.keys() >= _NEEDED):
+        return None
+    return row
 
 
 # --------------------------------------------------------------------------------------------- stores
@@ -143,6 +171,9 @@ class MemoryStore:
 
     def __init__(self) -> None:
         self._records: list[Record] = []
+
+    def open(self) -> None:
+        pass
 
     def append(self, record: Record) -> None:
         self._records.append(record)
@@ -164,14 +195,18 @@ class DiskStore:
         header: Mapping[str, Any] | None = None,
         *,
         any_version: bool = False,
+        turn: int | None = None,
     ) -> None:
         self.directory = Path(directory)
+        self.turn = turn  # of this run; None takes the one after the last
         self.path = self.directory / "parts" / f"journal-{writer}.jsonl"
         self._header = dict(header or {})
         self._stream: BinaryIO | None = None
         self._unsynced, self._synced = 0, time.monotonic()
+        self._syncing: threading.Thread | None = None
+        self._failure: OSError | None = None
         if not any_version:
-            self._same_version()
+            same_version(self.directory, self._header.get("solver"), read_headers(self.directory))
 
     def append(self, record: Record) -> None:
         """Write a row; once this returns, a killed process does not lose it."""
@@ -183,8 +218,12 @@ class DiskStore:
     def close(self) -> None:
         if self._stream is not None:
             stream, self._stream = self._stream, None
+            if self._syncing is not None:
+                self._syncing.join()
             with complaint(self.path):
                 try:
+                    if self._failure is not None:
+                        raise self._failure
                     os.fsync(stream.fileno())
                 finally:
                     stream.close()
@@ -193,6 +232,7 @@ class DiskStore:
         """Lock the journal, cut a torn last line back, and say who writes from here on."""
         with complaint(self.path):
             self.path.parent.mkdir(parents=True, exist_ok=True)
+            new = not self.path.exists()
             stream = self.path.open("ab", buffering=0)
             try:
                 fcntl.flock(stream, fcntl.LOCK_EX | fcntl.LOCK_NB)
@@ -202,11 +242,16 @@ class DiskStore:
             except OSError:
                 log.warning("%s: this file system has no locks; do not start the same run twice", self.path)
             _cut_torn_line(self.path)
+            if new:
+                _sync_folder(self.path.parent)
             self._stream = stream
-        headers = [row["header"] for row in read_journal(self.path) if "header" in row]
+        headers = [json.loads(line)["header"] for line in _beginning(self.path, b'{"header"')]
         header = _plain(self._header)
         if not headers or headers[-1] != header:
-            self._write(json.dumps({"header": header}, separators=(",", ":")).encode() + b"\n")
+            self._write(_line({"header": header}))
+        turn = 1 + last_turn(self.directory) if self.turn is None else self.turn
+        start = {"turn": turn, "host": socket.gethostname(), "job": job_name(), "at": time.time()}
+        self._write(_line({"start": start}))
 
     def _write(self, line: bytes) -> None:
         if self._stream is None:
@@ -218,18 +263,63 @@ class DiskStore:
                 raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
             self._unsynced += 1
             if self._unsynced >= SYNC_ROWS or time.monotonic() - self._synced >= SYNC_SECONDS:
-                os.fsync(self._stream.fileno())
-                self._unsynced, self._synced = 0, time.monotonic()
+                self._sync()
 
-    def _same_version(self) -> None:
-        mine = self._header.get("solver")
-        others = {header.get("solver") for header in read_headers(self.directory)} - {mine}
-        if mine and others:
-            raise OtherVersion(
-                f"{self.directory} holds rows of another version of the solvers "
-                f"({', '.join(sorted(map(str, others)))}; this one is {mine}). "
-                "Use another folder, or add --force-version to mix them."
-            )
+    def _sync(self) -> None:
+        """Sync aside: a busy disk takes long over it, and the worker would wait. What fails is said at the next row."""
+        if self._syncing is not None:
+            if self._syncing.is_alive():
+                return
+            self._syncing = None
+            if self._failure is not None:
+                raise self._failure
+        assert self._stream is not None
+        self._unsynced, self._synced = 0, time.monotonic()
+        self._syncing = threading.Thread(target=self._sync_now, args=(self._stream.fileno(),), name="sync")
+        self._syncing.start()
+
+    def _sync_now(self, handle: int) -> None:
+        try:
+            os.fsync(handle)
+        except OSError as error:
+            self._failure = error
+
+
+def same_version(directory: Path, mine: str | None, headers: Iterable[Mapping[str, Any]]) -> None:
+    """Raise OtherVersion where rows are of other solvers than ``mine``."""
+    others = {header.get("solver") for header in headers} - {mine}
+    if mine and others:
+        raise OtherVersion(
+            f"{directory} holds rows of another version of the solvers "
+            f"({', '.join(sorted(map(str, others)))}; this one is {mine}). "
+            "Use another folder, or add --force-version to mix them."
+        )
+
+
+def job_name() -> str:
+    """The SLURM job that this process belongs to: ``17``, ``17_3`` for an array task, nothing outside SLURM."""
+    array, task = os.environ.get("SLURM_ARRAY_JOB_ID"), os.environ.get("SLURM_ARRAY_TASK_ID")
+    return f"{array}_{task}" if array and task else os.environ.get("SLURM_JOB_ID", "")
+
+
+def _line(row: Mapping[str, Any]) -> bytes:
+    return json.dumps(row, separators=(",", ":")).encode() + b"\n"
+
+
+def _beginning(path: Path, start: bytes) -> Iterator[bytes]:
+    """Complete lines of a journal that begin so; much faster than reading all of them."""
+    with path.open("rb") as stream:
+        yield from (line for line in stream if line.startswith(start) and line.endswith(b"}\n"))
+
+
+def _sync_folder(folder: Path) -> None:
+    """Make a new name in a folder last; file systems that cannot are left alone."""
+    with suppress(OSError):
+        handle = os.open(folder, os.O_RDONLY)
+        try:
+            os.fsync(handle)
+        finally:
+            os.close(handle)
 
 
 @contextmanager
@@ -247,11 +337,12 @@ def open_store(
     header: Mapping[str, Any] | None = None,
     *,
     any_version: bool = False,
+    turn: int | None = None,
 ) -> MemoryStore | DiskStore:
     """A folder's store, or one in memory when ``directory`` is None."""
     if directory is None:
         return MemoryStore()
-    return DiskStore(Path(directory), writer, header, any_version=any_version)
+    return DiskStore(Path(directory), writer, header, any_version=any_version, turn=turn)
 
 
 def _cut_torn_line(path: Path) -> None:
@@ -271,34 +362,161 @@ def _cut_torn_line(path: Path) -> None:
             stream.truncate(end)
 
 
-def pace(directory: str | Path) -> tuple[float, float]:
-    """Rows per second over the last ten minutes, and how long ago the last row was written [s]."""
-    now = time.time()
-    times = [row["at"] for path in journals(Path(directory)) for row in read_journal(path) if "at" in row]
-    recent = [at for at in times if at > now - 600]
-    span = max(recent, default=now) - min(recent, default=now)
-    return (len(recent) - 1) / span if span > 0 else 0.0, now - max(times, default=-float("inf"))
-
-
 def journals(directory: Path) -> list[Path]:
     return sorted(Path(directory).glob("parts/journal-*.jsonl"))
 
 
 def read_headers(directory: Path) -> list[dict[str, Any]]:
-    """The headers of all journals, in the order of the files."""
-    return [row["header"] for path in journals(directory) for row in read_journal(path) if "header" in row]
+    """The distinct headers of all journals, in the order of the files."""
+    lines = dict.fromkeys(line for path in journals(directory) for line in _beginning(path, b'{"header"'))
+    rows = [_row(line) for line in lines]
+    return [row["header"] for row in rows if row]
+
+
+def last_turn(directory: Path) -> int:
+    """The turn of the latest start in any journal."""
+    rows = [_row(line) for path in journals(directory) for line in _beginning(path, b'{"start"')]
+    return max((int(row["start"]["turn"]) for row in rows if row), default=0)
 
 
 def read_records(directory: Path) -> list[Record]:
     """The rows of all journals in the order of their writing."""
-    rows = [row for path in journals(directory) for row in read_journal(path) if "key" in row]
-    rows.sort(key=lambda row: row.get("at", 0.0))
-    return [from_row(row) for row in rows]
+    rows = []
+    for path in journals(directory):
+        turn = 0
+        for row in read_journal(path):
+            turn = row["start"]["turn"] if "start" in row else turn
+            if "key" in row:
+                rows.append((turn, row.get("at", 0.0), row))
+    rows.sort(key=lambda found: found[:2])
+    return [from_row(row) for _, _, row in rows]
+
+
+# --------------------------------------------------------------------------------------------- replay
+
+
+@dataclass
+class Journal:
+    """What one writer has done."""
+
+    writer: str  # rank, with the slice before it: 3, part2of8-0
+    host: str = ""
+    job: str = ""
+    turn: int = 0
+    starts: int = 0  # since the last row
+    rows: int = 0
+    failed: int = 0
+    recent: deque[float] = field(default_factory=lambda: deque(maxlen=256))  # when the last rows were written
+    touched: float = 0.0  # when the file was, by the clock that stamps files
+
+    @property
+    def pace(self) -> float:
+        """Rows per second by the writer's own clock, over its last ten minutes of work."""
+        last = self.recent[-1] if self.recent else 0.0
+        times = [at for at in self.recent if at > last - RECENT]
+        span = max(times, default=0.0) - min(times, default=0.0)
+        return (len(times) - 1) / span if span > 0 else 0.0
+
+
+class Replay:
+    """Which row of which journal counts for each point of a plan: of several the last trusted, or the last.
+
+    Holds 27 bytes for each point. Equal keys share their first place.
+    """
+
+    def __init__(self, directory: str | Path, keys: Keys) -> None:
+        n = len(keys)
+        self.directory, self.keys = Path(directory), keys
+        self.paths = journals(self.directory)
+        self.journals: list[Journal] = []
+        self.names = ["MISSING"]  # of statuses
+        self.status = np.zeros(n, dtype=np.uint8)  # index into names
+        self.metrics: set[str] = set()
+        self._where = np.zeros(n, dtype=np.int64)  # journal << 40 | byte
+        self._turn = np.zeros(n, dtype=np.uint16)
+        self._at = np.zeros(n)
+        for number, path in enumerate(self.paths):
+            self._read(number, path)
+        self.headers = read_headers(self.directory)
+
+    def _read(self, number: int, path: Path) -> None:
+        journal = Journal(writer=path.stem.removeprefix("journal-"), touched=path.stat().st_mtime)
+        self.journals.append(journal)
+        codes = {name: code for code, name in enumerate(self.names)}
+        for byte, row in _lines(path):
+            if "start" in row:
+                start = row["start"]
+                journal.host, journal.job, journal.turn = start["host"], start["job"], start["turn"]
+                journal.starts += 1
+            if "key" not in row:
+                continue
+            status, at = row["status"], row.get("at", 0.0)
+            journal.rows, journal.starts = journal.rows + 1, 0
+            journal.failed += outcome(status) == "failed"
+            journal.recent.append(at)
+            place = self.place(row["key"])
+            if place is None:
+                continue
+            if status not in codes:
+                codes[status] = len(self.names)
+                self.names.append(status)
+            old = self.names[self.status[place]]
+            latest = (journal.turn, at) >= (self._turn[place], self._at[place])
+            if old == "MISSING" or (status == "OK" and old != "OK") or (latest and (status == "OK" or old != "OK")):
+                self.status[place], self._where[place] = codes[status], number << 40 | byte
+                self._turn[place], self._at[place] = journal.turn, at
+                self.metrics.update(row.get("metrics", ()))
+
+    def place(self, key: str) -> int | None:
+        """First place of a key in the plan."""
+        try:
+            number = np.uint64(int(key, 16))
+        except (ValueError, OverflowError):
+            return None
+        i = int(np.searchsorted(self.keys.numbers, number, sorter=self.keys.order))
+        if i == len(self.keys.order) or self.keys.numbers[self.keys.order[i]] != number:
+            return None
+        return int(self.keys.order[i])
+
+    @property
+    def turn(self) -> int:
+        """The latest turn."""
+        return max((journal.turn for journal in self.journals), default=0)
+
+    def firsts(self, places: slice) -> np.ndarray:
+        """For each place of a stretch, the first place with the same key."""
+        numbers = self.keys.numbers[places]
+        found = self.keys.order[np.searchsorted(self.keys.numbers, numbers, sorter=self.keys.order)]
+        return np.asarray(found)
+
+    def records(self, places: Iterable[int]) -> Iterator[Record]:
+        """The rows of places that have one, in the order of the files."""
+        wanted = sorted({int(self._where[i]) for i in places if self.status[i]})
+        files: OrderedDict[int, BinaryIO] = OrderedDict()
+        try:
+            for where in wanted:
+                number, byte = where >> 40, where & ((1 << 40) - 1)
+                if number not in files:
+                    if len(files) >= OPEN_FILES:
+                        files.popitem(last=False)[1].close()
+                    files[number] = self.paths[number].open("rb")
+                files[number].seek(byte)
+                row = _row(files[number].readline())
+                if row is None:
+                    raise StoreError(f"{self.paths[number]} has changed while it was read: run the command again")
+                yield from_row(row)
+        finally:
+            for stream in files.values():
+                stream.close()
+
+    def table(self, places: slice) -> dict[str, Record]:
+        """The rows of a stretch of the plan, by key."""
+        return {record.key: record for record in self.records(self.firsts(places))}
 
 
 def write_whole(path: Path, write: Callable[[Path], object]) -> Path:
     """Call ``write(temporary path)``, sync, and put the file in place at once: nobody sees half of it."""
-    temporary = path.with_name(f".{path.name}.{os.getpid()}")
+    temporary = path.with_name(f".{path.name}.{socket.gethostname()}.{os.getpid()}")
     with complaint(path):
         try:
             path.parent.mkdir(parents=True, exist_ok=True)
@@ -306,6 +524,9 @@ def write_whole(path: Path, write: Callable[[Path], object]) -> Path:
             with temporary.open("rb") as stream:
                 os.fsync(stream.fileno())
             os.replace(temporary, path)
+            _sync_folder(path.parent)
+        except RuntimeError as error:  # netCDF's word for a full or sick disk
+            raise OSError(errno.EIO, str(error)) from error
         finally:
             with suppress(FileNotFoundError):
                 temporary.unlink()
@@ -328,10 +549,9 @@ def prepare(study: Study, directory: str | Path, limit: int | None = None) -> Pl
     """The folder's plan; written, with the study beside it, when new, longer, or of a changed study."""
     directory = Path(directory)
     path = directory / "plan.json"
-    count = len(designs(study, limit))
     if path.is_file():
         known = read_plan(path)
-        if known.text == study.text and len(known.designs) >= count:
+        if known.text == study.text and len(known.designs) >= min(count_designs(study), limit or math.inf):
             return known
         if known.text != study.text:
             log.warning("%s is of an earlier form of this study; points that did not change are kept", path)
@@ -345,16 +565,37 @@ def dataset_of(directory: str | Path) -> xr.Dataset:
     """The dataset of a folder's journals as they are now."""
     directory = Path(directory)
     study = study_of(directory)
-    rows = settle(read_records(directory))
-    return assemble(study, read_plan(directory / "plan.json"), rows, read_headers(directory))
+    plan = read_plan(directory / "plan.json")
+    replay = Replay(directory, plan.keys)
+    return assemble(study, plan, replay.table(slice(None)), replay.headers)
 
 
 def merge(directory: str | Path) -> Path:
-    """Make ``results.nc`` of the journals and return its path."""
-    dataset = dataset_of(directory)
-    return write_whole(
-        Path(directory) / "results.nc", lambda place: dataset.to_netcdf(place, engine="netcdf4")
-    )
+    """Make ``results.nc`` of the journals, piece by piece, and return its path."""
+    directory = Path(directory)
+    study = study_of(directory)
+    plan = read_plan(directory / "plan.json")
+    replay = Replay(directory, plan.keys)
+    return write_whole(directory / "results.nc", lambda place: _stream(study, plan, replay, place))
+
+
+def _stream(study: Study, plan: Plan, replay: Replay, place: Path) -> None:
+    """Write the dataset, PIECE points at a time: xarray writes the first, the others are appended to its variables."""
+    m = len(plan.environments)
+    step = max(1, PIECE // m)
+    several = len(plan.designs) > step
+    for begin in range(0, max(len(plan.designs), 1), step):
+        part = slice(begin, begin + step)
+        rows = replay.table(slice(begin * m, (begin + step) * m))
+        piece = assemble(study, plan, rows, replay.headers, metrics=replay.metrics, designs=part)
+        index = "design" if m > 1 else "point"
+        if begin == 0:
+            piece.to_netcdf(place, engine="netcdf4", unlimited_dims=[index] if several else None)
+            continue
+        with netCDF4.Dataset(place, "a") as file:
+            for name in map(str, piece.variables):
+                if index in piece[name].dims:
+                    file.variables[name][begin : begin + piece.sizes[index]] = piece[name].values
 
 
 def open_study(directory: str | Path) -> xr.Dataset:

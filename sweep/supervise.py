@@ -1,4 +1,4 @@
-"""Drives one child process: one point at a time, killed at the time limit, started again when it dies.
+"""Drives one child process: one point at a time, killed at its limits, started again when it dies.
 
 Model code runs nowhere else. Whatever happens to the child, the point in flight ends in a row with a reason.
 """
@@ -15,10 +15,11 @@ from multiprocessing.connection import Connection
 from pathlib import Path
 from typing import Any
 
-from .child import failed
-from .point import Point, Record
+from .child import failed, memory
+from .point import Order, Point, Record
 
 START_LIMIT = 900.0  # a child that imports and compiles for longer than this is stuck [s]
+LOOK = 0.1  # how often the child's memory is looked at [s]
 START_ATTEMPTS = 3  # children in a row that may die before they are ready
 LAUNCHERS = ("PMI", "MPI", "OMPI_", "PMIX", "SLURM_", "HYDRA", "HYDI", "PRTE", "I_MPI", "MV2_")
 SIGNALS = (signal.SIGINT, signal.SIGTERM, signal.SIGUSR1)  # the rank's to handle; its child is deaf to them
@@ -53,19 +54,36 @@ class Child:
     """One child process, one point at a time; ``poll`` always comes back with a record in the end."""
 
     def __init__(
-        self, evaluator: str, warm_ups: tuple[str, ...] = (), time_limit: float | None = None
+        self,
+        evaluator: str,
+        warm_ups: tuple[str, ...] = (),
+        time_limit: float | None = None,
+        memory_limit: float | None = None,
+        study: Any = None,
     ) -> None:
         self._functions = (evaluator, *warm_ups)
         self._limit = time_limit  # [s]
-        self.point: Point | None = None
+        self._memory = memory_limit  # [MB]
+        self._study = study  # of which orders are made points
+        self._looked = 0.0
+        self._dropped = False
+        self.took = 0.0  # by the last point, from its sending to its record [s]
+        self._imported = self._going = False
+        self.point: Point | Order | None = None
+        self.ahead: Point | Order | None = None  # lies in the child's socket: short points do not wait for the next
         self._process: subprocess.Popen[bytes] | None = None
         self._pipe: Connection | None = None
         self._ready = False
         self._since = 0.0
         self._deaths = 0
 
+    @property
+    def ready(self) -> bool:
+        """Whether it has imported and compiled."""
+        return self._ready
+
     def start(self) -> None:
-        """Start the process; it says "ready" when it has imported and compiled."""
+        """Start the process; it imports, and waits for ``go``."""
         ours, theirs = Pipe()
         handles = [str(os.getpid()), str(theirs.fileno())]
         signal.pthread_sigmask(signal.SIG_BLOCK, SIGNALS)  # inherited: an interrupt is the parent's to handle
@@ -80,15 +98,33 @@ class Child:
         finally:
             signal.pthread_sigmask(signal.SIG_UNBLOCK, SIGNALS)
             theirs.close()
-        self._pipe, self._ready, self._since = ours, False, time.monotonic()
+        self._pipe, self._ready, self._imported, self._since = ours, False, False, time.monotonic()
 
-    def submit(self, point: Point) -> None:
-        """Take a point; it is sent as soon as the child is ready."""
+    def go(self) -> None:
+        """Let the child compile, or load from the compiler's cache; for good, also after it has died."""
+        if not self._going:
+            self._going = True
+            if self._imported:
+                self._send((self._study, self._memory))
+
+    def submit(self, point: Point | Order) -> None:
+        """Take a point; it is sent as soon as the child is ready. One more may be taken while one is in flight."""
+        self.go()
+        if self.point is not None:
+            self.ahead = point
+            if self._ready:
+                self._put(point)
+            return
         self.point = point
         if self._process is None:
             self.start()
         elif self._ready:
-            self._send()
+            self._send(point)
+
+    def drop(self) -> None:
+        """Do not begin the point ahead: the child ends with the one in flight."""
+        self._dropped = self._dropped or self.ahead is not None
+        self.ahead = None
 
     def poll(self, timeout: float) -> Record | None:
         """Wait at most ``timeout`` for the record of the point in flight."""
@@ -104,11 +140,22 @@ class Child:
         if letter is not None:
             return self._receive(*letter)
         elapsed = time.monotonic() - self._since
-        if not self._ready and elapsed > START_LIMIT:
+        if not self._ready and (self._going or not self._imported) and elapsed > START_LIMIT:
             self.stop()
             raise CannotRun(f"the worker process was not ready after {START_LIMIT:g} s")
         if self._ready and self.point and self._limit is not None and elapsed > self._limit:
             return self._end("TIMEOUT", f"passed the time limit of {self._limit:g} s")
+        return self._look() if self.point else None
+
+    def _look(self) -> Record | None:
+        """End a point whose process has more memory than it may."""
+        now = time.monotonic()
+        if self._memory is None or self._process is None or now - self._looked < LOOK:
+            return None
+        self._looked = now
+        usage = memory(self._process.pid)
+        if usage is not None and usage[0] > self._memory:
+            return self._end("MEMORY", f"passed the memory limit of {self._memory:g} MB")
         return None
 
     def stop(self) -> None:
@@ -118,29 +165,45 @@ class Child:
             self._process.wait()
         if self._pipe is not None:
             self._pipe.close()
-        self._process = self._pipe = self.point = None
-        self._ready = False
+        self._process = self._pipe = self.point = self.ahead = None
+        self._ready = self._dropped = False
 
-    def _send(self) -> None:
+    def _send(self, content: Any) -> None:
         self._since = time.monotonic()
+        self._put(content)
+
+    def _put(self, content: Any) -> None:
         try:
             assert self._pipe is not None
-            self._pipe.send(self.point)
+            self._pipe.send(content)
         except OSError:
             pass  # it died: the next poll says so
 
     def _receive(self, kind: str, content: Any) -> Record | None:
         if kind == "broken":
+            doing = "go on" if self._ready else "start"
             self.stop()
-            raise CannotRun(f"the worker process cannot start: {content}")
+            raise CannotRun(f"the worker process cannot {doing}: {content}")
+        if kind == "imported":
+            self._imported = True
+            if self._going:
+                self._send((self._study, self._memory))
+            return None
         if kind == "ready":
             self._ready, self._deaths = True, 0
-            if self.point:
-                self._send()
+            for point in (self.point, self.ahead):
+                if point is not None:
+                    self._send(point)
             return None
         if not isinstance(content, Record):
             return self._end("ERROR", f"the evaluator gave a {type(content).__name__} in place of a record")
-        self.point = None
+        if content.status == "MEMORY":  # a process that met its limit is not to be trusted with another point
+            why = f"passed the memory limit of {self._memory:g} MB" if self._memory else content.message
+            return self._end("MEMORY", why)
+        now = time.monotonic()
+        self.point, self.ahead, self.took, self._since = self.ahead, None, now - self._since, now
+        if self._dropped:
+            self.stop()
         return content
 
     def _died(self) -> Record | None:
@@ -158,8 +221,10 @@ class Child:
 
     def _end(self, status: str, message: str) -> Record | None:
         """Record the point in flight as lost, and begin again with a fresh child."""
-        point, seconds = self.point, time.monotonic() - self._since
+        point, ahead, seconds = self.point, self.ahead, time.monotonic() - self._since
+        self.took = seconds
         self.stop()
+        self.point = ahead  # it was not begun
         try:
             self.start()
         except OSError as error:  # the row first: without a child the next point says why

@@ -2,21 +2,27 @@
 
 from __future__ import annotations
 
+import json
 import os
+import signal
 import subprocess
 import sys
 import time
 from collections.abc import Iterator
+from contextlib import suppress
 from pathlib import Path
 
 import pytest
 import xarray as xr
+import yaml
 
 from sweep import open_study
-from sweep.store import journals, merge
+from sweep.plan import read_plan
+from sweep.store import Replay, journals, read_records
 
 HERE = Path(__file__).resolve().parent
 ROOT = HERE.parents[1]
+UNIT = ROOT / "tests/unit"
 TINY = ROOT / "tests/unit/tiny.yaml"
 COST = ["seconds", "first_seconds"]
 
@@ -51,6 +57,7 @@ def slurm(tmp_path_factory) -> Iterator[dict[str, str]]:
     cache = (
         os.environ.get("CABLE_SWEEP_CACHE") or os.environ.get("XDG_CACHE_HOME") or str(Path.home() / ".cache")
     )
+    _forget_shared_memory()
     yield {"SLURM_CONF": conf, "PATH": path, "CABLE_SWEEP_CACHE": cache, **place}
     call(HERE / "slurm-here", "clean", **place)
 
@@ -62,36 +69,194 @@ def serial(tmp_path_factory) -> xr.Dataset:
     return open_study(out).drop_vars(COST)
 
 
-def submit(slurm: dict[str, str], folder: Path, *words: object) -> str:
-    """Submit a job script and return the job's number."""
-    ended = call("sbatch", "--parsable", f"--output={folder}/%x-%j.log", "--mem-per-cpu=0", *words, **slurm)
-    assert ended.returncode == 0, ended.stderr
-    return ended.stdout.strip()
+def _forget_shared_memory() -> None:
+    """Remove what killed steps of earlier clusters left: jobs had the same numbers, and mpich would hang on it."""
+    used = ""
+    for path in Path("/proc").glob("[0-9]*/maps"):
+        with suppress(OSError):
+            used += path.read_text()
+    for path in Path("/dev/shm").glob("mpich_shm_*"):
+        if path.name not in used:
+            path.unlink(missing_ok=True)
 
 
-def wait(slurm: dict[str, str], job: str, seconds: float = 150) -> None:
+def wait(slurm: dict[str, str], jobs: list[str], seconds: float = 120) -> None:
+    """Until the jobs have left the queue; a requeued one, which SLURM holds for two minutes, is started at once."""
     deadline = time.monotonic() + seconds
-    while call("squeue", "-h", "-j", job, **slurm).stdout.strip():
-        assert time.monotonic() < deadline, call("squeue", **slurm).stdout
+    while lines := call("squeue", "-h", "-r", "-j", ",".join(jobs), "-o", "%i %T %r", **slurm).stdout.splitlines():
+        assert time.monotonic() < deadline, lines
+        for job, state, reason in (line.split(maxsplit=2) for line in lines):
+            if state == "PENDING" and reason == "BeginTime":
+                call("scontrol", "update", f"JobId={job}", "StartTime=now", **slurm)
         time.sleep(0.2)
 
 
 def logs(folder: Path) -> str:
-    return "\n".join(path.read_text() for path in sorted(folder.glob("*.log")))
+    return "\n".join(f"== {path.name}\n{path.read_text()}" for path in sorted((folder / "logs").glob("*.log")))
 
 
-def test_an_array_of_three_makes_the_serial_file(slurm, serial, tmp_path):
-    job = submit(slurm, tmp_path, "--array=0-2", "slurm/array.sbatch", TINY, tmp_path / "out")
-    wait(slurm, job)
-    assert [path.name for path in journals(tmp_path / "out")] == [
-        f"journal-part{k}of3-0.jsonl" for k in range(3)
-    ], logs(tmp_path)
-    merge(tmp_path / "out")
+def submit(slurm: dict[str, str], study: Path, out: Path, *words: object, **environment: str) -> list[str]:
+    """``sweep submit``; the numbers of its jobs, the merge job last."""
+    code = [sys.executable, "-m", "sweep", "submit", study, "--out", out, "--site", out.parent / "site.yaml"]
+    ended = call(*code, *words, **slurm, **environment)
+    assert ended.returncode == 0, ended.stdout + ended.stderr
+    return [json.loads(line)["job"] for line in (out / "jobs/submitted.jsonl").read_text().splitlines()]
+
+
+@pytest.fixture
+def folder(tmp_path) -> Path:
+    """A results folder to be, beside a site.yaml."""
+    _site(tmp_path)
+    return tmp_path / "out"
+
+
+def _site(place: Path, setup: tuple[str, ...] = (), **settings: object) -> None:
+    usual = f"export PATH={Path(sys.executable).parent}:$PATH PYTHONPATH={ROOT}:{UNIT}"
+    content = {"options": {"mem-per-cpu": 0, "time": "00:05:00"}, "setup": [usual, *setup], **settings}
+    (place / "site.yaml").write_text(yaml.safe_dump(content))
+
+
+# ------------------------------------------------------------------------------------------ the serial file, again
+
+
+def test_an_array_of_four_makes_the_serial_file(slurm, serial, folder):
+    """Pilots first, slices by the costs in plan.json, results.nc by the dependent merge job."""
+    jobs = submit(slurm, TINY, folder, "--array", 4, "--pilots", 2)
+    assert len(jobs) == 2
+    again = call(sys.executable, "-m", "sweep", "submit", TINY, "--out", folder, "--array", 2, **slurm)
+    assert (again.returncode, "still in the queue" in again.stderr) == (2, True)
+    wait(slurm, jobs)
+    plan = read_plan(folder / "plan.json")
+    assert sorted(plan.costs)[:2] == [0, 0]  # the pilots were done before
+    assert len(journals(folder)) == 5, logs(folder)
+    assert (folder / "results.nc").is_file(), logs(folder)
+    xr.testing.assert_identical(open_study(folder).drop_vars(COST), serial)
+
+
+@pytest.mark.parametrize("launch", ["srun --mpi=pmi2 --kill-on-bad-exit=1", "mpirun"])
+def test_ranks_make_the_serial_file(slurm, serial, tmp_path, launch):
+    _site(tmp_path, launch=launch)
+    jobs = submit(slurm, TINY, tmp_path / "out", "--ranks", 3, "--pilots", 0)
+    wait(slurm, jobs)
+    said = logs(tmp_path / "out")
+    assert f"job {jobs[0]} rank 0/3" in said, said
+    assert "6 points, 6 to do, on 3 ranks" in said
     xr.testing.assert_identical(open_study(tmp_path / "out").drop_vars(COST), serial)
 
 
-def test_an_mpi_job_makes_the_serial_file(slurm, serial, tmp_path):
-    job = submit(slurm, tmp_path, "--ntasks=2", "slurm/mpi.sbatch", TINY, tmp_path / "out")
-    wait(slurm, job)
-    assert "on 2 ranks" in logs(tmp_path), logs(tmp_path)
-    xr.testing.assert_identical(open_study(tmp_path / "out").drop_vars(COST), serial)
+# ------------------------------------------------------------------------------------------ what goes wrong
+
+COUNT = 24
+
+
+@pytest.fixture(scope="module")
+def many(tmp_path_factory) -> Path:
+    path = tmp_path_factory.mktemp("study") / "many.yaml"
+    path.write_text(TINY.read_text().replace("n: 6,", f"n: {COUNT},"))
+    return path
+
+
+@pytest.fixture(scope="module")
+def undisturbed(many, tmp_path_factory) -> xr.Dataset:
+    out = tmp_path_factory.mktemp("undisturbed")
+    path = {"PYTHONPATH": f"{ROOT}:{UNIT}"}
+    assert call(sys.executable, "-m", "fake_sweep", "run", many, "--out", out, **path).returncode == 0
+    return open_study(out).drop_vars(COST)
+
+
+def _made_up(place: Path, seconds: float, **settings: object) -> None:
+    """A site where `python -m sweep run` is `python -m fake_sweep run`: the evaluator made up, the rest as it is."""
+    (place / "bin").mkdir()
+    python = place / "bin" / "python"
+    words = 'for word in "$@"; do [ "$word" = sweep ] && word=fake_sweep; words+=("$word"); done'
+    python.write_text(f'#!/bin/bash\n{words}\nexec {sys.executable} "${{words[@]}}"\n')
+    python.chmod(0o755)
+    setup = (f"export PATH={place}/bin:$PATH FAKE_SECONDS={seconds}",)
+    _site(place, setup, **settings)
+
+
+def _rows(out: Path) -> int:
+    return len(read_records(out))
+
+
+def _wait_for(out: Path, rows: int) -> None:
+    deadline = time.monotonic() + 60
+    while _rows(out) < rows:
+        assert time.monotonic() < deadline, logs(out)
+        time.sleep(0.05)
+
+
+def _complete(out: Path, undisturbed: xr.Dataset) -> None:
+    assert _rows(out) == COUNT, logs(out)  # none twice
+    xr.testing.assert_identical(open_study(out).drop_vars(COST), undisturbed)
+
+
+def test_an_array_that_meets_its_time_limit_goes_on_in_a_new_turn(slurm, many, undisturbed, tmp_path):
+    """USR1 comes before the limit of a minute; points of a second and a half do not fit into the first turn."""
+    _made_up(tmp_path, 1.5)
+    out = tmp_path / "out"
+    with_signal = {"SBATCH_SIGNAL": "B:USR1@48"}
+    jobs = submit(slurm, many, out, "--array", 2, "--pilots", 0, "--time", "00:01:00", **with_signal)
+    wait(slurm, jobs)
+    said = logs(out)
+    assert "after USR1: back to the queue" in said, said
+    assert "interrupted by SIGUSR1" in said
+    assert {journal.turn for journal in Replay(out, read_plan(out / "plan.json").keys).journals} != {1}
+    _complete(out, undisturbed)
+    assert (out / "results.nc").is_file()
+
+
+def test_a_killed_job_is_submitted_again_and_a_cancelled_one_stays_cancelled(slurm, many, undisturbed, tmp_path):
+    """SIGKILL of all processes of a job of ranks; then scancel; then a third submission ends it."""
+    _made_up(tmp_path, 0.5)
+    out = tmp_path / "out"
+    first = submit(slurm, many, out, "--ranks", 3, "--pilots", 0)
+    _wait_for(out, 4)
+    status = call(sys.executable, "-m", "sweep", "status", out, **slurm)  # from outside, while the job writes
+    assert "points/s" in status.stdout
+    assert f"{first[0]}" in status.stdout
+    assert "points to go" in status.stdout
+    call("scancel", "--signal=KILL", "--full", first[0], **slurm)
+    wait(slurm, first)
+    assert 4 <= _rows(out) < COUNT
+    second = submit(slurm, many, out, "--ranks", 3)[2:]
+    _wait_for(out, 10)
+    call("scancel", second[0], **slurm)
+    wait(slurm, second)
+    assert "Restarts=0" in call("scontrol", "-o", "show", "job", second[0], **slurm).stdout
+    assert 10 <= _rows(out) < COUNT
+    third = submit(slurm, many, out, "--ranks", 3)[4:]
+    wait(slurm, third)
+    _complete(out, undisturbed)
+
+
+def test_a_killed_rank_sends_the_job_back_to_the_queue(slurm, many, undisturbed, tmp_path):
+    _made_up(tmp_path, 0.4)
+    out = tmp_path / "out"
+    jobs = submit(slurm, many, out, "--ranks", 3, "--pilots", 0)
+    _wait_for(out, 4)
+    ranks = [
+        int(path.name)
+        for path in Path("/proc").glob("[0-9]*")
+        if str(out).encode() in _command(path) and b"mpi4py" in _command(path) and b"srun" not in _command(path)
+    ]
+    os.kill(max(ranks), signal.SIGKILL)
+    wait(slurm, jobs)
+    assert "back to the queue" in logs(out), logs(out)
+    _complete(out, undisturbed)
+
+
+def _command(path: Path) -> bytes:
+    try:
+        return (path / "cmdline").read_bytes()
+    except OSError:
+        return b""
+
+
+def test_copies_of_size_one_are_refused(slurm, many, tmp_path):
+    """A launcher that does not know the MPI would run the whole study three times."""
+    _made_up(tmp_path, 0, launch="srun --mpi=none")
+    out = tmp_path / "out"
+    wait(slurm, submit(slurm, many, out, "--ranks", 3, "--pilots", 0))
+    assert "3 processes were asked for (SLURM_NTASKS=3) but MPI sees only one" in logs(out), logs(out)
+    assert _rows(out) == 0

@@ -9,13 +9,14 @@ import sys
 import time
 from collections.abc import Iterator
 from contextlib import contextmanager
+from dataclasses import replace
 from typing import Any
 
 from sweep import distribute
 from sweep.point import Point, Record
 
 HERE = os.path.abspath(__file__)
-MODES = ("good", "segfault", "exit", "loop", "raise", "print", "kill", "quit")
+MODES = ("good", "segfault", "exit", "loop", "raise", "print", "kill", "quit", "eat", "nan")
 
 
 def make(number: int, mode: str = "good", seconds: float = 0.0) -> Point:
@@ -50,7 +51,12 @@ def evaluate(point: Point) -> Record:
     if mode == "print":
         print("stray text on stdout", flush=True)
         os.write(1, b"more of it\n")
+    if mode == "eat":
+        eaten = [bytearray(b"x" * 50_000_000) for _ in range(100)]  # 5 GB, touched
+        return Record(key=point.key, design=0, environment=0, values={}, status="OK", message=str(len(eaten)))
     x = point.values["x"]
+    if mode == "nan":
+        x = float("nan")
     metrics = {"delta": x / 3, "gamma": float("inf") if x > 1 else x**0.5, "t_first": float("nan")}
     return Record(
         key=point.key, design=point.design, environment=0, values=point.values, status="OK", metrics=metrics
@@ -66,6 +72,26 @@ def full_disk(size: int) -> Iterator[None]:
         yield
     finally:
         resource.setrlimit(resource.RLIMIT_FSIZE, before)
+
+
+def evaluate_unlimited(point: Point) -> Record:
+    """As ``evaluate``, in a process whose data segment nobody limits."""
+    resource.setrlimit(resource.RLIMIT_DATA, (resource.RLIM_INFINITY, resource.RLIM_INFINITY))
+    return evaluate(point)
+
+
+def planned(point: Point) -> Record:
+    """As ``evaluate``, for points of a study: FAKE_MODES says what the designs do in turn, FAKE_SECONDS how long."""
+    modes = os.environ.get("FAKE_MODES", "good").split(",")
+    values = {"x": point.design / 7, "mode": float(MODES.index(modes[point.design % len(modes)]))}
+    values["seconds"] = float(os.environ.get("FAKE_SECONDS", "0"))
+    found = evaluate(replace(point, values=values))
+    return replace(found, environment=point.environment, values=point.values)
+
+
+def costly(point: Point) -> Record:
+    """As ``planned``, with a work that doubles from each design to the next but one."""
+    return replace(planned(point), evaluations=100 * 2 ** (point.design // 2), segments=9, seconds=0.1)
 
 
 def tell(point: Point) -> Record:

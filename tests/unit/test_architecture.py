@@ -18,9 +18,10 @@ LAYERS = [  # a file imports from layers above its own line or from its own line
     "evaluate child",
     "plan supervise dataset",
     "store",
-    "distribute",
+    "locks distribute",
     "report",
     "run series labels histories plot chart chart_plot stability stability_plot",
+    "submit",
     "cli",
     "__main__",
 ]

@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+import json
+
+import numpy as np
 import pytest
 from test_config import GOOD, study
 from test_evaluate import EVALUATOR, Solver
@@ -9,7 +12,7 @@ from test_evaluate import EVALUATOR, Solver
 from solvers import Status
 from sweep.config import parse_study
 from sweep.mistakes import ConfigError
-from sweep.plan import make_plan, pilot, read_plan, write_plan
+from sweep.plan import make_plan, pilot, pilot_places, predicted, read_plan, write_plan
 from sweep.space import points
 
 ENVIRONMENTS = [{"name": "calm"}, {"name": "heavy", "set": {"cable[0].mass": 12}}]
@@ -60,6 +63,50 @@ def test_slices_share_out_all_points_once(n):
     plan = make_plan(parse_study(GOOD))
     found = [i for k in range(n) for i in plan.slice(k, n)]
     assert sorted(found) == list(range(8))
+
+
+def test_slices_share_out_the_predicted_cost():
+    """By count a slice would have up to 36 of 72; the cheapest cut into three has 24 each."""
+    plan = make_plan(parse_study(GOOD))
+    plan.costs[:] = [1, 9, 3, 16, 1, 25, 8, 9]
+    loads = [float(plan.costs[plan.slice(k, 3)].sum()) for k in range(3)]
+    assert sorted(loads) == [23, 24, 25]
+    assert sorted(i for k in range(3) for i in plan.slice(k, 3)) == list(range(8))
+
+
+def test_equal_physics_is_in_one_slice_only():
+    plan = make_plan(parse_study(GOOD))
+    plan.keys.numbers[5] = plan.keys.numbers[2]
+    assert sorted(i for k in range(3) for i in plan.slice(k, 3)) == [0, 1, 2, 3, 4, 6, 7]
+    assert plan.keys.index(plan.keys[5]) == 2
+
+
+def test_costs_survive_the_disk_and_a_first_format_is_read(tmp_path):
+    plan = make_plan(parse_study(GOOD))
+    plan.costs[:] = np.linspace(0.1, 7, 8, dtype=np.float32)
+    write_plan(plan, tmp_path / "plan.json")
+    assert read_plan(tmp_path / "plan.json").costs == pytest.approx(plan.costs, rel=1e-5)
+    content = json.loads((tmp_path / "plan.json").read_text())
+    names = content.pop("variables")
+    content["designs"] = [dict(zip(names, row, strict=True)) for row in content["designs"]]
+    content["keys"] = [key for key, _ in content.pop("points")]
+    content |= {"format": 1}
+    del content["different"]
+    (tmp_path / "old.json").write_text(json.dumps(content))
+    assert read_plan(tmp_path / "old.json") == plan
+
+
+def test_costs_are_predicted_from_some_points():
+    """Work that grows by a factor of 30 along one variable and doubles in the second environment, seen at 8 of 16."""
+    plan = make_plan(parse_study(study(environments=ENVIRONMENTS)))
+    first = plan.designs.column(plan.designs.names[0])
+    rank = np.searchsorted(np.unique(first), first) / (len(np.unique(first)) - 1)
+    true = np.outer(np.exp(np.log(30) * rank), [1, 2]).ravel()
+    known = {i: float(true[i]) for i in pilot_places(plan, 8)}
+    found = predicted(plan, known)
+    ratio = found / true * (true[0] / found[0])
+    assert max(ratio) / min(ratio) < 1.5  # the ridge pulls towards the mean; without predictions it is 60
+    assert predicted(plan, dict(list(known.items())[:2])).tolist() == [1.0] * 16
 
 
 @pytest.mark.parametrize(("k", "n"), [(2, 2), (-1, 2), (0, 0)])

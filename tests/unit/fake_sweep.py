@@ -1,0 +1,28 @@
+"""``python -m fake_sweep`` is ``sweep`` with a made-up evaluator: everything around the physics, in no time.
+
+FAKE_MODES, FAKE_SECONDS: see ``fakes.planned``. FAKE_SKEW: seconds by which the clock of each further rank is
+behind the one before. FAKE_SILENCE: how long rank 0 waits for a rank that says nothing.
+"""
+
+from __future__ import annotations
+
+import os
+import time
+
+import fakes
+
+from sweep import cli, distribute, run
+
+
+def main() -> None:
+    run.Settings.__init__.__kwdefaults__ |= {"evaluator": f"{fakes.HERE}:planned", "warm_ups": ()}
+    distribute.Job.__init__.__kwdefaults__["silence"] = float(os.environ.get("FAKE_SILENCE", distribute.SILENCE))
+    if skew := float(os.environ.get("FAKE_SKEW", "0")):
+        behind = skew * distribute.world().rank
+        clock = time.time
+        time.time = lambda: clock() - behind
+    cli.main()
+
+
+if __name__ == "__main__":
+    main()
