@@ -29,6 +29,7 @@ RING = 0.35  # largest step times the highest transverse frequency where devices
 TAUT = 0.5  # largest step times device frequency while a cord is taut: six steps in the shortest impact
 UNGUIDED = 60  # segments where no excitation sets a wave length
 FIRST = 20  # most segments of the first pilot
+EQUALS = ("hermite",)  # lines of large motion that pilots try beside the lumped one
 LOOSE = 10.0  # times its default: the first tolerance of an adaptive method that pilots tune
 SURE = 0.5  # of the accuracy asked: an error in time estimated below is not looked at again
 
@@ -42,6 +43,7 @@ class Line(NamedTuple):
     constrained: bool = False  # rod family: constraints want an implicit time method, and `build` takes the Ask
     order: float = 2.0  # in the segment's length, where the response is smooth
     price: float = 1.0  # of an evaluation at one node, beside the lumped line's
+    marched: tuple[str, ...] = ("dopri5", "trbdf2")  # methods that pilots try, the first where they cannot tell
 
 
 class Method(NamedTuple):
@@ -66,6 +68,7 @@ MODELS: dict[str, Line] = {
         F.BENDING | F.SEABED | F.DRAG | F.CURRENT | F.SLACK | F.MOTION | F.TRANSIENT | F.PERIODIC | F.LARGE_MOTION
         | F.DAMPING,
         "cubic elements with position and slope at every node, planar, without devices",
+        order=4.0, price=8.0, marched=("esdirk4", "dopri5"),
     ),
     "local": Line(
         local.build,
@@ -323,29 +326,32 @@ def impacts(scene: sc.Scene) -> bool:
 
 def ways(scene: sc.Scene, ask: Ask, choice: Choice) -> list[pilot.Way]:
     """The lines and methods among which pilots choose: the ones named, or all that can do what `choice` can."""
-    if ask.method == "auto" and ask.step is None and choice.method in ("dopri5", "trbdf2"):
-        methods = [name for name in ("dopri5", "trbdf2") if can_march(choice.model, name)]
-    else:
-        methods = [choice.method]
+    lines = [choice.model]
+    if ask.model == "auto" and choice.model == "lumped" and choice.method != "harmonic":
+        lines += [name for name in EQUALS if not needs(scene, ask) & ~MODELS[name].features]
     found = []
-    for name in methods:
-        line, method = MODELS[choice.model], METHODS[name]
-        if ask.duration <= 0:
-            knob, tune = math.nan, False
-        elif method.adaptive:
-            knob, tune = (ask.tolerance, False) if ask.tolerance else (LOOSE * method.tolerance, True)
-        else:
-            knob, tune = float(ask.step or 0.0), False
-        found.append(pilot.Way(
-            choice.model, name, line.order, line.price, knob, 10.0 if method.adaptive else 2.0, tune,
-            least_steps=pilot.free if name not in RUNGE_KUTTA else partial(least_steps, scene, ask, choice.model),
-        ))  # fmt: skip
+    for model in lines:
+        line = MODELS[model]
+        free = ask.method == "auto" and ask.step is None and choice.method != "harmonic"
+        names = [name for name in line.marched if can_march(model, name)] if free else [choice.method]
+        for name in names if ask.duration > 0 else names[:1]:
+            method = METHODS[name]
+            if ask.duration <= 0:
+                knob, tune = math.nan, False
+            elif method.adaptive:
+                knob, tune = (ask.tolerance, False) if ask.tolerance else (LOOSE * method.tolerance, True)
+            else:
+                knob, tune = float(ask.step or 0.0), False
+            found.append(pilot.Way(
+                model, name, line.order, line.price, knob, 10.0 if method.adaptive else 2.0, tune,
+                least_steps=pilot.free if name not in RUNGE_KUTTA else partial(least_steps, scene, ask, model),
+            ))  # fmt: skip
     return found
 
 
 def can_march(model: str, method: str) -> bool:
-    """Whether a line has the verbs of a time method; lines with constraints only march implicitly."""
-    return method not in RUNGE_KUTTA or not MODELS[model].constrained
+    """Whether a time method can march a line: constraints want `trbdf2` or `genalpha`."""
+    return method in ("trbdf2", "genalpha") or not MODELS[model].constrained
 
 
 def least_steps(scene: sc.Scene, ask: Ask, model: str, segments: int) -> float:

@@ -24,7 +24,7 @@ LEAST = 8  # segments
 STAGES = 6  # evaluations in an explicit step
 FINEST, MOST_WORK = 20_000, 1e10  # segments, and counted operations of all pilots (minutes)
 TIGHTEST = 1e-10  # tolerance
-CHAOTIC = 0.3  # two tolerances whose waveforms differ by more twice over have nothing in common
+CHAOTIC, WILD = 0.3, 3  # runs that differ by more at so many tolerances in a row have nothing in common
 ENDED = frozenset({Status.OK, Status.UNRESOLVED, Status.COARSE_STEP, Status.ENERGY_OPEN, Status.FEW_HARMONICS})
 
 
@@ -133,22 +133,22 @@ def work(way: Way, run: Response) -> float:
 def in_time(pilots: Pilots, way: Way, segments: int, wanted: float) -> tuple[float, float]:
     """Largest tolerance (or the step as given) whose time error is at most `wanted`, and that error.
 
-    A run is compared with one whose knob is `factor` times finer, whose own error is small beside it. Infinite where
-    finer runs do not come closer: a chaotic response.
+    A run is compared with one whose knob is `factor` times finer, the error being taken proportional to the knob.
+    Infinite where finer runs do not come closer: a chaotic response.
     """
-    knob, before, wild = way.knob, math.inf, 0
+    knob, wild = way.knob, 0
     if math.isnan(knob):
         return knob, 0.0
     while True:
         run = pilots(way, segments, knob)
-        found = gap(run, pilots(way, segments, knob / way.factor))
+        found = gap(run, pilots(way, segments, knob / way.factor)) / (1 - 1 / way.factor)
         good = found <= wanted and run.status != Status.ENERGY_OPEN
         if good or not way.tune or knob / way.factor**2 < TIGHTEST:
             return knob, found
-        wild = wild + 1 if found > CHAOTIC and found > 0.5 * before else 0
-        if wild == 2:
+        wild = wild + 1 if found > CHAOTIC else 0
+        if wild == WILD:
             return knob, math.inf
-        before, knob = found, knob / way.factor
+        knob /= way.factor
 
 
 def projected(pilots: Pilots, way: Way, first: int, knob: float, segments: float) -> float:
@@ -211,6 +211,10 @@ def in_space(pilots: Pilots, way: Way, first: int, knob: float, wanted: float) -
             p = order_seen(meshes[-3:], apart[-2:], way.order)
         error = SAFETY * apart[-1] / ((fine / coarse) ** p - 1)
         usable = apart[-1] < 1.0
+        if usable and error <= wanted and fine >= 1.6 * coarse:  # two meshes may agree by accident: ask a third
+            middle = round(math.sqrt(fine * coarse))
+            other = gap(pilots(way, middle, knob), pilots(way, fine, knob))
+            error = max(error, SAFETY * other / ((fine / middle) ** p - 1))
         good = usable and error <= wanted
         if good or fine >= FINEST or pilots(way, fine, knob).status not in ENDED or pilots.work > MOST_WORK:
             break
