@@ -31,6 +31,7 @@ from sweep.distribute import Done, Interrupt, Job
 from sweep.plan import Designs, Keys, Orders, Plan, make_plan, read_plan, write_plan
 from sweep.point import Record
 
+SPAN, LEAST = 60.0, 50  # of a simulated run: seconds, and points of a worker
 ROOT = Path(__file__).resolve().parents[1]
 TINY = ROOT / "tests" / "unit" / "tiny.yaml"
 FAKES = str(ROOT / "tests" / "unit" / "fakes.py")
@@ -94,7 +95,7 @@ class Simulated:
         self.size = workers + 1
         self.seconds = seconds
         self.due: list[tuple[float, int, int, bytes]] = []
-        self.count = 0
+        self.count = self.taken = 0
         self.free = dict.fromkeys(range(1, self.size), 0.0)  # when each will have done what it has
         self.worked = dict.fromkeys(range(1, self.size), 0.0)
         self.ended = 0.0
@@ -123,6 +124,7 @@ class Simulated:
     def receive(self) -> tuple[int, Any] | None:
         if not self.due or self.due[0][0] > time.perf_counter():
             return None
+        self.taken += 1
         _, _, rank, letter = heapq.heappop(self.due)
         return rank, pickle.loads(letter)
 
@@ -153,8 +155,16 @@ class _Idle:
 class _Dispatcher(distribute._Leader):
     """The leader without points of its own."""
 
+    spent = 0.0  # on letters, without the looks that find none
+
     def feed(self) -> None:
         pass
+
+    def listen(self) -> None:
+        before, began = self.ranks.taken, time.process_time()
+        super().listen()
+        if self.ranks.taken > before:
+            self.spent += time.process_time() - began
 
 
 def dispatch(workers: int, seconds: float, span: float) -> dict[str, float]:
@@ -165,11 +175,11 @@ def dispatch(workers: int, seconds: float, span: float) -> dict[str, float]:
     orders = Orders.of(plan, np.arange(len(plan), dtype=np.int32))
     leader = _Dispatcher(orders, Job(), world, Interrupt(), lambda done: None, lambda: None)
     leader.worker = _Idle()  # type: ignore[assignment]
-    began, cpu = time.perf_counter(), time.process_time()
+    began = time.perf_counter()
     leader.run()
-    wall, cpu = world.ended - began, time.process_time() - cpu
+    wall = world.ended - began
     busy = sum(world.worked.values()) / (workers * wall)
-    return {"points": len(plan), "wall": wall, "busy": busy, "cpu_per_point": cpu / len(plan), "letters": world.count}
+    return {"points": len(plan), "wall": wall, "busy": busy, "spent": leader.spent, "letters": world.count}
 
 
 def _plan(points: int, variables: int) -> Plan:
@@ -208,7 +218,7 @@ def measure(points: int = 24) -> Measured:
     distribute.map_points(orders, job, distribute.Alone(), lambda done: taken.append(done.seconds))
     few, many = (dispatch(16, seconds, 4.0) for seconds in (0.25, 0.002))  # letters for each order, orders for a letter
     a = np.array([[r["points"], r["letters"]] for r in (few, many)], dtype=float)
-    order, letter = np.linalg.solve(a, [r["cpu_per_point"] * r["points"] for r in (few, many)])
+    order, letter = np.linalg.solve(a, [r["spent"] for r in (few, many)])
     with tempfile.TemporaryDirectory() as folder:
         part = store.DiskStore(Path(folder), "0")
         metrics = {f"m{i}": i / 7 for i in range(40)}
@@ -227,9 +237,8 @@ def simulate(workers: int, times: np.ndarray, measured: Measured, rng: np.random
     A worker asks when a quarter of its chunk is left (points under a second) or when it has none; the leader takes
     letters one by one, each for its measured time; a letter travels and waits for the next look for POLL.
     """
-    n = 200 * workers
-    taken = rng.choice(times, n) + measured.row
-    mean, place, leader = float(times.mean()), 0, 0.0
+    mean, done, work, leader = float(times.mean()), 0, 0.0, 0.0
+    n = int(workers * max(SPAN / mean, LEAST))
     quick = mean < distribute.AHEAD
     free = np.zeros(workers)
     asks = [(0.0, w) for w in range(workers)]
@@ -237,18 +246,20 @@ def simulate(workers: int, times: np.ndarray, measured: Measured, rng: np.random
     while asks:
         at, w = heapq.heappop(asks)
         leader = max(leader, at + measured.travel)
-        size = int(max(1, min(distribute.CHUNK_SECONDS / mean, distribute.CHUNK, (n - place) / (4 * (workers + 1)))))
-        chunk = taken[place : place + size]
+        size = int(max(1, min(distribute.CHUNK_SECONDS / mean, distribute.CHUNK, (n - done) / (4 * (workers + 1)))))
+        chunk = rng.choice(times, min(size, n - done))
+        work += chunk.sum()
+        chunk += measured.row
         # the ask, its answer, and what the worker tells of its rows each NEWS seconds
         tells = max(chunk.sum() / (distribute.NEWS * max(1.0, workers / 256)), 1.0 if len(chunk) else 0.0)
         leader += (2 + min(tells, len(chunk))) * measured.letter + len(chunk) * measured.order
         if not len(chunk):
             continue
-        place += len(chunk)
+        done += len(chunk)
         begin = max(free[w], leader + measured.travel)
         free[w] = begin + chunk.sum()
         heapq.heappush(asks, (begin + (chunk[: len(chunk) - len(chunk) // 4].sum() if quick else chunk.sum()), w))
-    return float(taken.sum() / (workers * free.max()))
+    return float(work / (workers * free.max()))
 
 
 def scaling(out: Path) -> None:
@@ -274,7 +285,7 @@ def scaling(out: Path) -> None:
         at = dict(zip(counts, busy, strict=True))
         print(f"| {label} | {at[96]:.3f} | {at[1024]:.3f} | {knee or 'none up to 4096'} |")
         (line,) = ax.plot(counts, busy, marker="o", markersize=3, label=label)
-        if knee:
+        if knee and knee > 1:
             ax.annotate(f"{knee}", (knee, at[knee]), color=line.get_color(), xytext=(4, 4), textcoords="offset points")
     ax.axhline(0.9, color="0.7", lw=0.8, zorder=0)
     ax.set(xscale="log", xlabel="workers", ylabel="busy share of the workers", ylim=(0, 1.05))
@@ -375,7 +386,7 @@ def main() -> None:
         sys.exit(rank(options.words[0], int(options.words[1]), float(options.words[2])))
     elif options.what == "dispatch":
         found = dispatch(options.workers, 0.001, 10.0)
-        busy, pace, cost = 100 * found["busy"], found["points"] / found["wall"], 1e6 * found["cpu_per_point"]
+        busy, pace, cost = 100 * found["busy"], found["points"] / found["wall"], 1e6 * found["spent"] / found["points"]
         print(f"{found['points']} points of 1 ms on {options.workers} simulated workers, busy {busy:.1f} % of the time")
         print(f"{pace:.0f} points/s; leader {cost:.2f} us of processor time a point, {found['letters']} letters")
     elif options.what == "scaling":

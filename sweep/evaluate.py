@@ -10,10 +10,9 @@ import warnings
 from collections import OrderedDict
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from typing import Any, NamedTuple
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
-import xarray as xr
 
 from solvers import QUANTITIES, Ask, CannotRepresent, Response, Scene, Status, solve
 from solvers.model import REMEDY
@@ -22,6 +21,9 @@ from .config import MetricSettings
 from .metrics import FINISHED, LEDGER, Summary, compute, metric_names, settling_index, summarise, transverse
 from .point import Point, Record
 from .space import baseline_model, baseline_scene, point_key
+
+if TYPE_CHECKING:  # workers make records, and do not wait for what only series need
+    import xarray as xr
 
 NAN = float("nan")
 RETRIED = frozenset({Status.ENERGY_OPEN, Status.NO_CONVERGENCE, Status.COARSE_STEP, Status.DIVERGED})
@@ -68,6 +70,8 @@ def evaluate_with_series(point: Point, baselines: Sequence[str] | None = None) -
         ``<baseline>_<quantity>`` with its own ``<baseline>_node`` dimension. Empty where the run failed.
     """
     record, response = _guarded(point)
+    import xarray as xr
+
     try:
         return record, _series(
             point, response, [point.settings.baseline] if baselines is None else list(baselines)
@@ -254,6 +258,8 @@ def _spreads(
 
 
 def _series(point: Point, response: Response | None, names: list[str]) -> xr.Dataset:
+    import xarray as xr
+
     if response is None or not len(response.t):
         return xr.Dataset()
     data: dict[str, Any] = {}

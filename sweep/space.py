@@ -14,7 +14,6 @@ from typing import Any
 
 import numpy as np
 from pydantic import TypeAdapter
-from scipy.stats import qmc
 
 from solvers import Ask, PointMass, Scene, Section
 
@@ -43,6 +42,8 @@ def unit_samples(study: Study) -> np.ndarray:
     if sampler.kind == "grid":
         return _grid(study)
     n = sampler.n or 1
+    from scipy.stats import qmc  # a third of a second, that a worker does not need
+
     rng = np.random.default_rng(sampler.seed)
     if sampler.kind == "random":
         return rng.random((n, d))

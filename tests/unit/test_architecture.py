@@ -118,7 +118,7 @@ def test_nobody_prints_but_the_commands(path):
 
 
 def test_a_worker_does_not_load_what_only_results_need():
-    heavy = "{'matplotlib', 'typer', 'mpi4py', 'pymoo'}"
+    heavy = "{'matplotlib', 'typer', 'mpi4py', 'pymoo', 'xarray', 'pandas', 'scipy.stats'}"
     code = f"import sweep.child, sys; print(sorted(sys.modules.keys() & {heavy}))"
     ended = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
     assert ended.stdout.strip() == "[]"
