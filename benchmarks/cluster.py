@@ -286,9 +286,10 @@ def scaling(out: Path) -> None:
         print(f"| {label} | {at[96]:.3f} | {at[1024]:.3f} | {knee or 'none up to 4096'} |")
         (line,) = ax.plot(counts, busy, marker="o", markersize=3, label=label)
         if knee and knee > 1:
-            ax.annotate(f"{knee}", (knee, at[knee]), color=line.get_color(), xytext=(4, 4), textcoords="offset points")
+            place = {"xytext": (-6, -13), "textcoords": "offset points"}
+            ax.annotate(f"{knee}", (knee, at[knee]), color=line.get_color(), **place)
     ax.axhline(0.9, color="0.7", lw=0.8, zorder=0)
-    ax.set(xscale="log", xlabel="workers", ylabel="busy share of the workers", ylim=(0, 1.05))
+    ax.set(xscale="log", xlabel="workers", ylabel="busy share of the workers", ylim=(0.4, 1.05))
     ax.set_xticks([1, 8, 64, 96, 1024, 4096], ["1", "8", "64", "96", "1024", "4096"], minor=False)
     ax.minorticks_off()
     ax.legend(title="mean time of a point", frameon=False, loc="lower left")
