@@ -32,7 +32,7 @@ def call(*words: object, **environment: str) -> subprocess.CompletedProcess[str]
         [*map(str, words)],
         capture_output=True,
         text=True,
-        timeout=180,
+        timeout=600,  # the first run compiles
         cwd=ROOT,
         env=os.environ | environment,
     )
