@@ -61,6 +61,14 @@ def ours(model: str, segments: int, scene: Scene | None = None, **ask: Any) -> R
     return Run(cpu, DURATION / steps, r.cost.evaluations, x, arc, r.energy_residual, r.status.name)
 
 
+def moordyn_step(scene: Scene, segments: int, BA: float) -> float:
+    """The step of `rk4_step`, or on fine meshes 80 % of the limit of bending, 2.828 l^2/4 sqrt((m + ma)/EI) [s]."""
+    cable, size = scene.cable[0], scene.length / segments
+    inertia = cable.mass + scene.density * math.pi / 4 * cable.d**2 * cable.Can
+    bending = 0.8 * 2.828 * size**2 / 4 * math.sqrt(inertia / cable.EI)
+    return min(rk4_step(scene, segments, BA), SAMPLE / math.ceil(SAMPLE / bending))
+
+
 class Case(NamedTuple):
     """A run to be timed."""
 
@@ -92,7 +100,7 @@ def cases(scene: Scene) -> Iterable[Case]:
     cable = scene.cable[0]
     for n in (80, 160, 320, 480):
         critical = scene.length / n * math.sqrt(cable.EA * cable.mass)
-        step = rk4_step(scene, n, critical)
+        step = moordyn_step(scene, n, critical)
         parts = [Stretch(False, scene.length, n)]
         yield Case("MoorDyn", f"{n} | RK4, step {step:.3g}", lambda parts=parts, step=step, BA=critical: moordyn_run(
             scene, parts, DURATION, step, step, BA))  # fmt: skip
@@ -115,7 +123,8 @@ def reference() -> Run:
     worst = 0.0
     for name, job in others.items():
         run = job()
-        worst = max(worst, error(run, truth))
+        if "BA" not in name:  # which is another scene
+            worst = max(worst, error(run, truth))
         print(f"| {name} | {error(run, truth):.3%} | {run.cpu:.0f} |", flush=True)
     print(f"\nUncertainty of the reference: {worst:.2%}.\n")
     return truth
@@ -151,8 +160,12 @@ def main() -> None:
     best: dict[tuple[str, str], Run] = {}
     for _ in range(options.repeats):
         for case in cases(scene):
-            run = case.job()
             key = case.program, case.name
+            try:
+                run = case.job()
+            except RuntimeError as failure:
+                print(f"{case.program}, {case.name}: {failure}\n", flush=True)
+                continue
             if key not in best or run.cpu < best[key].cpu:
                 best[key] = run
     print("| program | segments | settings | error | CPU s | energy residual | status |\n|---|---|---|---|---|---|---|")

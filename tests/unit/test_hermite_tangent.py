@@ -161,5 +161,6 @@ def test_the_catalogue_knows_it() -> None:
     few, many = (cheapest(fast, Ask(duration=1.0, model=model, accuracy=0.01)) for model in ("hermite", "lumped"))
     assert 2 * few.segments < many.segments
     assert few.error <= 0.01
+    still = tuple(replace(x, BA=0.0, BI=0.0) for x in scene().cable)
     with pytest.raises(CannotRepresent, match="esdirk4: rod has constraints"):
-        solve(scene(), Ask(duration=1.0, segments=10, model="rod", method="esdirk4"))
+        solve(replace(scene(), cable=still), Ask(duration=1.0, segments=10, model="rod", method="esdirk4"))
