@@ -45,7 +45,7 @@ def draw_map(data: xr.Dataset, figure: Figure) -> Figure:
     table = data.to_dataframe()
     panels = list(dict.fromkeys(zip(table["model"], table["method"], strict=True)))
     panels = [p for p in panels if np.isfinite(_of(table, p)["setting"]).any()]
-    columns = min(4, len(panels))
+    columns = min(3 if len(panels) in (5, 6) else 4, len(panels))
     rows = -(-len(panels) // columns)
     figure.set_size_inches(3.1 * columns + 0.6, 2.7 * rows + 1.0)
     axes = figure.subplots(rows, columns, sharex=True, squeeze=False)
@@ -72,8 +72,9 @@ def draw_map(data: xr.Dataset, figure: Figure) -> Figure:
         ax.set_ylabel("step [s]" if np.isfinite(mine["multiple"]).any() else "tolerance [-]")
     for ax in axes.flat[len(panels) :]:
         ax.set_visible(False)
-    field = data.attrs["field"]
-    figure.supxlabel(data.attrs["label"] if field else "the scene as it is", fontsize=10)
+    for ax in axes.flat[max(len(panels) - columns, 0) : len(panels)]:  # the lowest of each column
+        ax.tick_params(labelbottom=True)
+        ax.set_xlabel(data.attrs["label"] if data.attrs["field"] else "the scene as it is")
     handles = [
         Line2D([], [], color=colour, marker=marker, ls="none", label=f"{name} ({(table['outcome'] == name).sum()})")
         for name, (colour, marker) in shown.items()
@@ -89,6 +90,8 @@ def _of(table: pd.DataFrame, panel: tuple[str, str]) -> pd.DataFrame:
 
 def _limit(ax: Axes, mine: pd.DataFrame, at: dict[float, float], scale: str) -> None:
     """The limit over the field, within the steps that were tried."""
+    if not np.isfinite(mine["multiple"]).any():  # tolerances are no steps
+        return
     first = mine.assign(value=mine["value"].fillna(0.0)).groupby("value")["limit"].first()
     first = first[np.isfinite(first) & (first > 0)]
     if first.empty:
