@@ -28,7 +28,7 @@ CACHE = str(Path(_root).expanduser() / "cable-sweep" / f"numba-{SOURCE_HASH}")  
 numba.config.CACHE_DIR = CACHE  # type: ignore[attr-defined]
 
 from .branches import ResponseCurve, response_curve  # noqa: E402
-from .catalogue import METHODS, MODELS, needs, solve, warm_up  # noqa: E402
+from .catalogue import METHODS, MODELS, impacts, needs, solve, warm_up  # noqa: E402
 from .model import Ask, CannotRepresent, Cost, Feature, Response, Status  # noqa: E402
 from .quantities import QUANTITIES  # noqa: E402
 from .scene import (  # noqa: E402
@@ -55,6 +55,6 @@ __all__ = [
     "BNES", "CACHE", "METHODS", "MODELS", "QUANTITIES", "SOURCE_HASH", "TMD", "Ask", "CannotRepresent", "Cost",
     "CubicNES", "Current", "End", "Feature", "Harmonic", "Motion", "PointMass", "Response", "ResponseCurve", "Scene",
     "Seabed", "Section", "Start", "Status", "Stochastic", "Table", "Turn",
-    "Water", "Window", "needs", "response_curve", "solve",
+    "Water", "Window", "impacts", "needs", "response_curve", "solve",
     "warm_up",
 ]

@@ -25,6 +25,7 @@ from . import config, distribute, locks, pareto, report, store
 from . import plan as planning
 from . import run as running
 from . import submit as submitting
+from .resolve import resolve
 
 app = typer.Typer(
     add_completion=False,
@@ -74,9 +75,11 @@ def main() -> None:
 @app.command()
 def check(study: File, limit: Limit = None) -> None:
     """What would run: points, model and method and why, resolution, cost and disk. Runs a few pilots."""
-    loaded = config.load_study(study)
-    plan = planning.make_plan(loaded, limit)
     warm_up()
+    loaded, because = resolve(config.load_study(study))
+    plan = planning.make_plan(loaded, limit)
+    for label, why in because.items():
+        say(f"mesh         {label}: {why}")
     say(report.describe(loaded, plan, planning.pilot(loaded)))
 
 

@@ -25,7 +25,7 @@ from .config import ConfigError, Study
 from .evaluate import run_trusted
 from .mistakes import ABSENT, Mistake
 from .point import Order, Point
-from .space import baseline_model, baseline_scene, designs, made, make_point, point_key, unit_samples
+from .space import baseline_model, baseline_scene, extremes, made, make_point, point_key, unit_samples
 
 FORMAT = 2
 MOST_BASELINES = 100  # that a plan lists
@@ -413,10 +413,7 @@ class PilotRun:
 
 def pilot(study: Study) -> list[PilotRun]:
     """Run the first design and those with every variable at its least and at its greatest."""
-    chosen = {"first": designs(study, 1)[0]}
-    if study.variables:
-        chosen["least"] = {key: min(v for _, v in var.tests) for key, var in study.variables.items()}
-        chosen["greatest"] = {key: max(v for _, v in var.tests) for key, var in study.variables.items()}
+    chosen = extremes(study)
     points = {label: make_point(study, 0, 0, values) for label, values in chosen.items()}
     return [
         PilotRun(label=label, values=point.values, response=run_trusted(point.scene, point.ask).response)

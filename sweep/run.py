@@ -27,6 +27,7 @@ from .config import Study
 from .plan import Orders, Plan, read_plan
 from .point import Record
 from .report import Progress
+from .resolve import resolve
 from .store import (
     Replay,
     StoreError,
@@ -116,6 +117,7 @@ def run(study: Study, settings: Settings, ranks: distribute.World | None = None)
     """Run what is not done yet; rank 0 calls this while the other ranks ``distribute.serve``."""
     ranks = ranks or distribute.Alone()
     directory = settings.directory
+    study = resolve(study, directory)[0]
     header = provenance(study)
     part = "" if settings.part is None else f"part{settings.part[0]}of{settings.part[1]}"
     lock = locks.acquire(directory, part, header["study"])

@@ -88,6 +88,15 @@ def designs(study: Study, limit: int | None = None) -> list[dict[str, float]]:
     ]
 
 
+def extremes(study: Study) -> dict[str, dict[str, float]]:
+    """The first design, and those with every variable at its least and at its greatest."""
+    chosen = {"first": designs(study, 1)[0]}
+    if study.variables:
+        chosen["least"] = {key: min(v for _, v in var.tests) for key, var in study.variables.items()}
+        chosen["greatest"] = {key: max(v for _, v in var.tests) for key, var in study.variables.items()}
+    return chosen
+
+
 def design_scene(study: Study, values: Mapping[str, float], environment: int = 0) -> Scene:
     """The scene of a design in an environment, validated."""
     return bind(study.scene, apart(dict(study.environments[environment].set) | study.assignments(values))[0])

@@ -32,6 +32,7 @@ from .mistakes import ABSENT, Mistake, translate
 from .plan import Orders, Plan, pilot_places, predicted, read_plan, write_plan
 from .point import Record
 from .report import duration
+from .resolve import resolve
 from .run import Settings, job_of, provenance, to_do
 from .store import Replay, StoreError, prepare, same_version, write_whole
 from .supervise import CannotRun
@@ -202,7 +203,8 @@ def plan_costs(study: Study, settings: Settings, pilots: int) -> tuple[Plan, int
     Points that are done cost nothing, so that slices share what is left. Pilots are points of the study, and their
     rows are kept. Returns the plan, how many points are left, and seconds per unit of cost (NaN without rows).
     """
-    directory, header = settings.directory, provenance(study)
+    directory, study = settings.directory, resolve(study, settings.directory)[0]
+    header = provenance(study)
     lock = locks.acquire(directory, "", header["study"])
     try:
         plan = prepare(study, directory, settings.limit)

@@ -18,7 +18,7 @@ LAYERS = [  # a file imports from layers above its own line or from its own line
     "evaluate child",
     "plan supervise dataset",
     "store",
-    "locks distribute",
+    "locks distribute resolve",
     "report",
     "run series labels histories plot chart chart_plot stability stability_plot",
     "submit",

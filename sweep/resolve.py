@@ -1,0 +1,77 @@
+"""What a study leaves to pilots (mesh, tolerance, line and method) settled once for all its points.
+
+Pilots of single points would cost more than the points. The first design and those with every variable at its least
+and at its greatest are piloted; the finest mesh and the tightest tolerance count for all.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import json
+import math
+from dataclasses import asdict, replace
+from pathlib import Path
+from typing import Any
+
+import yaml
+
+from solvers import MODELS, Ask, Response, impacts, solve
+
+from .config import Study, parse_study
+from .space import extremes, make_point
+from .store import write_whole
+
+FILE = "mesh.json"
+
+
+def open_to_pilots(study: Study) -> bool:
+    """Whether the study asks for an accuracy and leaves the mesh open."""
+    return study.ask.segments is None and not impacts(study.scene) and "ask.segments" not in _bound(study)
+
+
+def _bound(study: Study) -> set[str]:
+    return {path for key, variable in study.variables.items() for path in variable.paths(key)}
+
+
+def found_by_pilots(study: Study) -> dict[str, Any]:
+    """Fields of the ask that pilots settle, and `because`: a sentence for each pilot."""
+    runs: dict[str, Response] = {}
+    for label, values in extremes(study).items():
+        point = make_point(study, 0, 0, values)
+        runs[label] = solve(point.scene, point.ask)
+    lines = {run.model for run in runs.values()}
+    if len(lines) > 1 and study.ask.model == "auto":  # one line for all: the one that can do most
+        model = max(lines, key=lambda name: (MODELS[name].features.value.bit_count(), name))
+        return found_by_pilots(replace(study, ask=replace(study.ask, model=model)))
+    found: dict[str, Any] = {"segments": max(run.segments for run in runs.values()), "model": lines.pop()}
+    methods = {run.method for run in runs.values()}
+    tolerances = [run.tolerance for run in runs.values() if math.isfinite(run.tolerance)]
+    if len(methods) == 1 and "harmonic" not in methods:  # harmonic balance keeps its way back to the time domain
+        found["method"] = methods.pop()
+        if tolerances and study.ask.duration > 0:
+            found["tolerance"] = min(tolerances)
+    found["because"] = {label: f"{run.status.name}: {run.reason}" for label, run in runs.items()}
+    return found
+
+
+def resolve(study: Study, directory: str | Path | None = None) -> tuple[Study, dict[str, str]]:
+    """The study with its mesh settled, and why; kept in `directory`, so that it is settled once."""
+    if not open_to_pilots(study):
+        return study, {}
+    token = hashlib.sha256(study.text.encode()).hexdigest()
+    path = None if directory is None else Path(directory) / FILE
+    known: dict[str, Any] = {}
+    if path is not None and path.is_file():
+        known = json.loads(path.read_text(encoding="utf-8"))
+    if known.get("study") != token:
+        known = {"study": token, "ask": found_by_pilots(study)}
+        if path is not None:
+            path.parent.mkdir(parents=True, exist_ok=True)
+            text = json.dumps(known, indent=1)
+            write_whole(path, lambda place: place.write_text(text, encoding="utf-8"))
+    ask = dict(known["ask"])
+    because = ask.pop("because")
+    tree = yaml.safe_load(study.text)
+    tree["ask"] = {**tree["ask"], **ask}
+    settled = parse_study(tree)
+    return replace(settled, ask=Ask(**{**asdict(study.ask), **ask})), because
