@@ -384,8 +384,8 @@ def piloted(scene: sc.Scene, ask: Ask, choice: Choice) -> Response:
     because = "".join(f"{why}; " for why in (representing(scene, ask)[1] if ask.model == "auto" else "",) if why)
     share = found.work / max(1.0, pilot.work(found.way, response))
     reason = (
-        f"{because}{found.way.model} by {found.way.method} on {found.segments} segments for an estimated error of {found.error:.2g} "
-        f"({found.late:.1g} in time), by {found.runs} pilots of {share:.1f} times its work"
+        f"{because}{found.way.model} by {found.way.method} on {found.segments} segments for an estimated error of "
+        f"{found.error:.2g} ({found.late:.1g} in time), by {found.runs} pilots of {share:.1f} times its work"
     )
     response = replace(response, reason=reason, estimated_error=error)
     if response.status == Status.OK and error > ask.accuracy:
