@@ -81,8 +81,10 @@ def _forget_shared_memory() -> None:
 
 
 def wait(slurm: dict[str, str], jobs: list[str], seconds: float = 120) -> None:
-    """Until the jobs have left the queue; a requeued one, which SLURM holds for two minutes, is started at once."""
+    """Until the jobs have left the queue; a requeued one, which SLURM holds for two minutes, is started after three
+    seconds: in the second of its requeue its credential is revoked, and the new turn would fail."""
     deadline = time.monotonic() + seconds
+    held: dict[str, float] = {}  # since when
     empty = 0  # answers in a row: a job on its way back to the queue is not seen for a moment
     while empty < 5:
         ended = call("squeue", "-h", "-r", "-j", ",".join(jobs), "-o", "%i %T %r", **slurm)
@@ -90,7 +92,9 @@ def wait(slurm: dict[str, str], jobs: list[str], seconds: float = 120) -> None:
         assert time.monotonic() < deadline, (lines, ended.stderr)
         empty = 0 if lines or ended.returncode else empty + 1
         for job, state, reason in (line.split(maxsplit=2) for line in lines):
-            if state == "PENDING" and reason == "BeginTime":
+            if state != "PENDING" or reason != "BeginTime":
+                held.pop(job, None)
+            elif time.monotonic() - held.setdefault(job, time.monotonic()) > 3:
                 call("scontrol", "update", f"JobId={job}", "StartTime=now", **slurm)
         time.sleep(0.2)
 
