@@ -1,0 +1,124 @@
+"""The chart: what it measures against, which runs are worth their seconds, what it refuses; the mesh of a study."""
+
+from __future__ import annotations
+
+import json
+import math
+from pathlib import Path
+
+import numpy as np
+import pandas as pd
+import pytest
+import xarray as xr
+import yaml
+
+from solvers import Ask, End, Harmonic, Motion, Scene, Section, Window
+from sweep import chart, resolve
+from sweep.chart_plot import save_chart
+from sweep.config import ConfigError, MetricSettings, parse_study
+from sweep.fields import dump
+
+STRING = Scene(
+    cable=(Section(length=10.0, d=0.02, mass=1.0, EA=1e5, EI=0.0, BA=50.0, wet_weight=0.0),),
+    end_a=End(kind="pinned", position=(0, 0, 0)),
+    end_b=End(kind="pinned", position=(10.02, 0, 0), motion=Motion(
+        harmonics=(Harmonic(amplitude=(0, 0, 0.01), frequency=1.0),), window=Window(ramp_up=1.0, shape="smooth"))),
+)  # fmt: skip
+CASE = chart.Case(
+    name="string", scene=STRING, ask=Ask(duration=2.0, interval=0.02), settings=MetricSettings(baseline="plain")
+)
+
+
+@pytest.fixture(scope="module")
+def data(tmp_path_factory: pytest.TempPathFactory) -> xr.Dataset:
+    folder = tmp_path_factory.mktemp("chart")
+    found = chart.chart(CASE, folder, ["lumped"], 3e-3, 0.2)
+    assert {"chart.csv", "chart.nc"} <= {path.name for path in folder.iterdir()}
+    with xr.open_dataset(folder / "chart.nc") as stored:
+        np.testing.assert_array_equal(stored["error"].values, found["error"].values)
+    return found
+
+
+def test_reference_is_checked(data: xr.Dataset) -> None:
+    """A coarser mesh, a looser tolerance and another method, and the largest difference is the uncertainty."""
+    assert 0 < float(data.attrs["uncertainty"]) < 5e-3
+    for what in ("segments", "ten times the tolerance", "lumped"):
+        assert what in data.attrs["reference"]
+
+
+def test_errors_fall_with_the_mesh_and_the_step(data: xr.Dataset) -> None:
+    """Order 2 of lumped masses between 10 and 20 segments at the tightest tolerance, and fixed steps that get better."""
+    runs = data.to_dataframe()
+    tight = runs[(runs["method"] == "dopri5") & (runs["knob"] == runs[runs["method"] == "dopri5"]["knob"].min())]
+    error = dict(zip(tight["segments"], tight["error"], strict=True))
+    assert 1.5 < math.log2(error[10] / error[20]) < 2.5
+    stepped = runs[(runs["method"] == "genalpha") & (runs["segments"] == 40)].sort_values("knob")
+    assert stepped["error"].iloc[-1] > 3 * stepped["error"].iloc[0]
+
+
+def test_no_trusted_run_errs_in_time_beyond_its_promise(data: xr.Dataset) -> None:
+    """`accuracy` is 0.05 here; what the mesh leaves is the error of the tightest run on it."""
+    runs = data.to_dataframe()
+    mesh = runs[runs["method"] == "dopri5"].groupby("segments")["error"].last()
+    good = runs[(runs["status"] == "OK") & runs["segments"].isin(mesh.index)]
+    assert len(good) > 10
+    assert (good["error"] - mesh.loc[good["segments"]].to_numpy() <= 0.05).all()
+
+
+def test_envelope() -> None:
+    """Only trusted runs of this program that none beats in both; the cheapest for an accuracy lies on it."""
+    table = pd.DataFrame({
+        "program": ["cable-sweep"] * 4 + ["other"], "status": ["OK", "OK", "ENERGY_OPEN", "OK", "OK"],
+        "seconds": [1.0, 2.0, 0.5, 3.0, 0.1], "error": [0.1, 0.2, 1e-3, 0.01, 1e-4],
+    })  # fmt: skip
+    assert list(chart.envelope(table)) == [True, False, False, True, False]
+    found = chart.cheapest_for(table, 0.05)
+    assert found is not None
+    assert found["seconds"] == 3.0
+    assert chart.cheapest_for(table, 1e-3) is None
+
+
+def test_figure(data: xr.Dataset, tmp_path: Path) -> None:
+    assert save_chart(data, tmp_path / "chart.png").stat().st_size > 10_000
+
+
+def test_what_a_chart_refuses(tmp_path: Path) -> None:
+    scene = tmp_path / "scene.yaml"
+    cable, end = "cable: [{length: 1.0, d: 0.1, mass: 1.0, EA: 1.0e5}]", "end_a: {kind: pinned, position: [0, 0, 0]}"
+    scene.write_text(f"{cable}\n{end}\n")
+    with pytest.raises(ConfigError, match="end_b"):
+        chart.load_case(scene, 1.0)
+    scene.write_text(scene.read_text() + "end_b: {kind: pinned, position: [0.9, 0, 0]}\n")
+    with pytest.raises(ConfigError, match="--duration"):
+        chart.load_case(scene)
+    with pytest.raises(ConfigError, match="no such file"):
+        chart.load_case(tmp_path / "nothing.yaml", 1.0)
+    with pytest.raises(ConfigError, match="sweep models"):
+        chart.chart(CASE, tmp_path, ["no_such_line"])
+
+
+# ------------------------------------------------------------------------------------------ the mesh of a study
+
+
+def test_the_mesh_of_a_study_is_settled_once(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Pilots run once; the file in the folder serves the next call, and another study asks anew."""
+    raw = {
+        "name": "open", "scene": dump(STRING), "ask": {"duration": 1.0}, "metrics": {"baseline": "plain"},
+        "objectives": ["rms"],
+    }  # fmt: skip
+    open_study = parse_study(raw)
+    calls = []
+
+    def found(asked: object) -> dict[str, object]:
+        calls.append(asked)
+        return {"segments": 33, "model": "lumped", "method": "dopri5", "tolerance": 1e-3, "because": {"first": "x"}}
+
+    monkeypatch.setattr(resolve, "found_by_pilots", found)
+    settled, because = resolve.resolve(open_study, tmp_path)
+    again, _ = resolve.resolve(open_study, tmp_path)
+    assert (settled.ask.segments, settled.ask.tolerance, because) == (33, 1e-3, {"first": "x"})
+    assert again == settled
+    assert len(calls) == 1
+    assert json.loads((tmp_path / resolve.FILE).read_text())["ask"]["segments"] == 33
+    assert parse_study(yaml.safe_load(settled.text)).ask == settled.ask
+    assert resolve.resolve(settled, tmp_path) == (settled, {})
