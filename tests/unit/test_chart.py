@@ -47,7 +47,7 @@ def test_reference_is_checked(data: xr.Dataset) -> None:
 
 
 def test_errors_fall_with_the_mesh_and_the_step(data: xr.Dataset) -> None:
-    """Order 2 of lumped masses between 10 and 20 segments at the tightest tolerance, and fixed steps that get better."""
+    """Order 2 of lumped masses between 10 and 20 segments at the tightest tolerance, and steps that get better."""
     runs = data.to_dataframe()
     tight = runs[(runs["method"] == "dopri5") & (runs["knob"] == runs[runs["method"] == "dopri5"]["knob"].min())]
     error = dict(zip(tight["segments"], tight["error"], strict=True))
