@@ -16,7 +16,7 @@ from . import scene as sc
 from .catenary import catenary_of
 from .dispatch import GRAVITY, N_ENERGIES, STRAIN, call_energies, call_residual, has
 from .geometry import basis_of
-from .lines import hermite, local, lumped, rod
+from .lines import hermite, local, lumped, rod, transverse
 from .methods import esdirk, explicit, floquet, harmonic, implicit, statics
 from .methods.march import C_EVALUATIONS, C_FACTORS, C_REJECTED, C_STEPS, LEDGER, make_ends, make_output
 from .model import REMEDY, Ask, CannotRepresent, Cost, Feature, Response, Status
@@ -44,6 +44,7 @@ class Line(NamedTuple):
     order: float = 2.0  # in the segment's length, where the response is smooth
     price: float = 1.0  # of an evaluation at one node, beside the lumped line's
     marched: tuple[str, ...] = ("dopri5", "trbdf2")  # methods that pilots try, the first where they cannot tell
+    measured: str = "tension's range"  # what the error of its range is relative to
 
 
 class Method(NamedTuple):
@@ -74,6 +75,12 @@ MODELS: dict[str, Line] = {
         local.build,
         F.BENDING | F.DRAG | F.CURRENT | F.SLACK | F.MOTION | F.TRANSIENT | F.PERIODIC | F.DAMPING,
         "small motion about the static shape in local coordinates (papers 000, 002)",
+    ),
+    "transverse": Line(
+        transverse.build,
+        F.BENDING | F.DRAG | F.CURRENT | F.SLACK | F.DEVICE | F.ROD | F.MOTION | F.TRANSIENT | F.DAMPING,
+        "small motion across a nearly straight cable, cubic splines, with devices",
+        order=4.0, marched=("dopri5",), measured="transverse response",
     ),
     "rod": Line(
         rod.build_rod,
@@ -186,14 +193,16 @@ class Choice(NamedTuple):
 
 def estimate(scene: sc.Scene, segments: int, line: str = "lumped") -> float:
     """Estimated relative error of the transverse response: (k h)^2/12 of the excitation's shortest wave on a lumped
-    mesh, (k h)^4/120 on Hermite elements (measured: six times their dispersion); NaN where no harmonic motion says what
-    the shortest wave is."""
+    mesh, (k h)^4/120 on Hermite elements (measured: six times their dispersion), 1.5 spans^-2 on splines (measured on
+    (3.4), whose jumps of velocity leave order 2); NaN where no harmonic motion says what the shortest wave is."""
     if line == "hermite":
         elements = hermite.build(scene, segments)
         nodes = elements.guards(elements.place(elements.straight))[2]
         return math.nan if math.isinf(nodes) else (2 * math.pi / nodes) ** 4 / 120
     model = lumped.build(scene, segments)
     nodes = model.guards(model.place(model.straight()))[2]
+    if line == "transverse":
+        return math.nan if math.isinf(nodes) else 1.5 / nodes**2
     return math.nan if math.isinf(nodes) else (2 * math.pi / nodes) ** 2 / 12
 
 
@@ -230,7 +239,7 @@ def cheapest(scene: sc.Scene, ask: Ask) -> Choice:
             why = f"{segments} segments: nothing in the scene says how fine they must be"
     if method == "auto":
         method, how = marching(scene, ask, segments, model)
-        if can_settle(scene, ask) and not MODELS[model].constrained:
+        if can_settle(scene, ask) and not MODELS[model].constrained and F.PERIODIC in MODELS[model].features:
             method, how = "harmonic", "the motion is periodic: its settled response, without the way there"
         why = f"{how}; {why}"
     why = f"{because}; {why}" if because else why
@@ -238,6 +247,8 @@ def cheapest(scene: sc.Scene, ask: Ask) -> Choice:
         reason = settled.why_not(scene, ask.harmonics)
         if MODELS[model].constrained:
             reason = f"{model}: its constraint forces are no displacements that a period could be balanced in"
+        elif F.PERIODIC not in MODELS[model].features:
+            reason = f"{model}: its tangent leaves out the change of the mean tension, which a balance needs"
         if ask.step is not None:
             reason = "step: a settled response is not marched"
         if reason:
@@ -522,11 +533,15 @@ def tolerance_of(name: str, ask: Ask) -> float:
 def _in_range(model: str, error: float, what: str, ask: Ask) -> None:
     """Raises CannotRepresent where a small-motion line would have to move too far."""
     if not error <= ask.accuracy:
-        able = ", ".join(name for name, line in MODELS.items() if F.LARGE_MOTION in line.features)
-        raise CannotRepresent(
-            f"{model} is for small motion: {what} makes an estimated error of {error:.2g} of the tension's range, "
-            f"above `accuracy` {ask.accuracy:g}; models that can: {able}"
-        )
+        raise CannotRepresent(_too_far(model, error, what, ask))
+
+
+def _too_far(model: str, error: float, what: str, ask: Ask) -> str:
+    able = ", ".join(name for name, line in MODELS.items() if F.LARGE_MOTION in line.features)
+    return (
+        f"{model} is for small motion: {what} makes an estimated error of {error:.2g} of the "
+        f"{MODELS[model].measured}, above `accuracy` {ask.accuracy:g}; models that can: {able}"
+    )
 
 
 def output_grid(ask: Ask) -> np.ndarray:
@@ -592,27 +607,29 @@ class Limits(NamedTuple):
     tolerance: float  # 0 for a fixed step
     most: float  # largest and smallest step [s]
     least: float
-    taut: float  # largest step while a cord is taut [s]
+    taut: np.ndarray  # (n_gaps,) largest step while each cord is taut [s]
     floor: float  # kinetic energy of a speed that does not matter [J]
 
 
 def limits_of(model: Any, ask: Ask, name: str, fastest: dict[str, float]) -> Limits:
     """First, largest and smallest step and tolerance of a method on a model."""
     method, floor = METHODS[name], 0.5 * float(model.pack.weight.sum()) * FLOOR_SPEED**2
+    taut = np.full(model.n_gaps, math.inf)
     if not method.adaptive:
-        return Limits(float(ask.step or 0.0), 0.0, 1.0, 0.0, 1.0, floor)
+        return Limits(float(ask.step or 0.0), 0.0, 1.0, 0.0, taut, floor)
     tolerance = tolerance_of(name, ask)
     most = min(ask.duration / 50, 2 * math.pi / model.omega / 20 if model.omega > 0 else math.inf)
     quick = max(fastest["axial"], fastest["bending"], fastest["tension"])
     first = 1 / quick if quick > 0 else most
     if name in RUNGE_KUTTA:
         stable = REACH / fastest["decay"] if fastest["decay"] > 0 else math.inf
-        taut = TAUT / fastest["device"] if fastest["device"] > 0 else math.inf
+        rates = model.impacts() if hasattr(model, "impacts") else np.full(model.n_gaps, fastest["device"])
+        np.divide(TAUT, rates, out=taut, where=rates > 0)
         if model.n_gaps > 0:  # impacts ring in the highest transverse modes, which a long step would damp
             ringing = max(fastest["bending"], fastest["tension"])
             most = min(most, RING / ringing if ringing > 0 else most)
         return Limits(min(first, most), tolerance, min(most, stable), LEAST_STEP, taut, floor)
-    return Limits(min(first, 1e-3 * most), tolerance, most, LEAST_STEP, math.inf, floor)
+    return Limits(min(first, 1e-3 * most), tolerance, most, LEAST_STEP, taut, floor)
 
 
 class March(NamedTuple):
@@ -702,6 +719,11 @@ def march(
         residual = float(s.peak[2]) / max(float(s.peak[0]), float(s.peak[1]), limits.floor)
         signals = model.observe(out.q[:done], out.v[:done], out.f[:done], static)
         valid, why = model.validity(signals)
+        if valid == Status.OK and hasattr(model, "run_error"):
+            strayed = model.run_error(grid[:done], signals)
+            common["estimated_error"] = float(np.fmax(common["estimated_error"], strayed))
+            if not strayed <= ask.accuracy:
+                valid, why = Status.CANNOT_REPRESENT, _too_far(choice.model, strayed, "the run", ask)
         zero = _static_energy(model, static)
         if MODELS[choice.model].constrained and code != Status.OK:
             valid, why = model.stopped(s.q[0])

@@ -135,8 +135,9 @@ def march(pack, s, out, w, pieces, table, h, tol, h_most, h_least, h_taut, floor
         Start, breaks, end.
     h, h_most, h_least : float [s]
         First (or fixed), largest and smallest step.
-    h_taut : float [s]
-        Largest step of an adaptive march while a gap is positive: an impact is short, and resolved.
+    h_taut : (n_gaps,) float [s]
+        Largest step of an adaptive march while a gap is positive: an impact is short, and resolved. Each gap has its
+        own: a soft cord, taut for long, does not ask for the steps of a stiff one.
     tol : float
         Allowed local velocity error in the energy norm, relative to the peak kinetic energy: sqrt(K(e)/K_peak).
     floor : float [J]
@@ -173,8 +174,8 @@ def march(pack, s, out, w, pieces, table, h, tol, h_most, h_least, h_taut, floor
                 return TOO_MANY_STEPS
             if adaptive:
                 for k in range(n_gaps):
-                    if sign[k] and h > h_taut:
-                        h = h_taut
+                    if sign[k] and h > h_taut[k]:
+                        h = h_taut[k]
             last = False
             if t + h * (1.0 + 1e-6) >= stop:
                 h = stop - t

@@ -15,6 +15,7 @@ from solvers.methods import explicit, implicit
 from solvers.methods.march import make_ends, make_output
 
 TABLES = {"rk2": explicit.RK2, "rk4": explicit.RK4, "dopri5": explicit.DOPRI5}
+NO_GAPS = np.zeros(0)
 
 
 def fixed(pack: Oscillator, method: str, step: float, steps: int, q: float = 1.0, v: float = 0.5) -> tuple[int, float]:
@@ -23,7 +24,7 @@ def fixed(pack: Oscillator, method: str, step: float, steps: int, q: float = 1.0
     s.q[0], s.v[0] = q, v
     work = explicit.make_work(TABLES[method], 1, 0)
     pieces = np.array([0.0, steps * step])
-    code = explicit.march(pack, s, out, work, pieces, TABLES[method], step, 0.0, 1.0, 0.0, 1.0, 1e-12, 10 * steps)
+    code = explicit.march(pack, s, out, work, pieces, TABLES[method], step, 0.0, 1.0, 0.0, NO_GAPS, 1e-12, 10 * steps)
     return code, float(np.hypot(out.q[-1, 0], out.v[-1, 0]))
 
 
@@ -216,7 +217,7 @@ def test_a_state_that_is_not_a_number_ends_with_a_status(method, bad):
     if method in TABLES:
         work = explicit.make_work(TABLES[method], 1, 0)
         limits = limits if method == "dopri5" else (1e-2, 0.0, *limits[2:])
-        code = explicit.march(pack, s, out, work, pieces, TABLES[method], *limits[:4], 1.0, *limits[4:])
+        code = explicit.march(pack, s, out, work, pieces, TABLES[method], *limits[:4], NO_GAPS, *limits[4:])
     elif method == "trbdf2":
         code = implicit.tr_bdf2(pack, s, out, implicit.make_work(1, 0), pieces, *limits)
     else:

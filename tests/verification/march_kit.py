@@ -55,7 +55,8 @@ def march_oscillator(
     limits: tuple[Any, ...] = (float(first), float(tol), float(most), 1e-13, FLOOR, max_steps)
     if method in TABLES:
         work = explicit.make_work(TABLES[method], ndof, n_gaps)
-        code = explicit.march(pack, s, out, work, cuts, TABLES[method], *limits[:4], math.inf, *limits[4:])
+        taut = np.full(n_gaps, math.inf)
+        code = explicit.march(pack, s, out, work, cuts, TABLES[method], *limits[:4], taut, *limits[4:])
     elif method == "trbdf2":
         code = implicit.tr_bdf2(pack, s, out, implicit.make_work(ndof, pack.bw), cuts, *limits)
     else:
