@@ -29,7 +29,7 @@ RING = 0.35  # largest step times the highest transverse frequency where devices
 TAUT = 0.5  # largest step times device frequency while a cord is taut: six steps in the shortest impact
 UNGUIDED = 60  # segments where no excitation sets a wave length
 FIRST = 20  # most segments of the first pilot
-EQUALS = ("hermite",)  # lines of large motion that pilots try beside the lumped one
+EQUALS = ("hermite", "transverse")  # lines that pilots try beside the lumped one
 LOOSE = 10.0  # times its default: the first tolerance of an adaptive method that pilots tune
 SURE = 0.5  # of the accuracy asked: an error in time estimated below is not looked at again
 
@@ -342,7 +342,11 @@ def ways(scene: sc.Scene, ask: Ask, choice: Choice) -> list[pilot.Way]:
         lines += [name for name in EQUALS if not needs(scene, ask) & ~MODELS[name].features]
     found = []
     for model in lines:
-        line = MODELS[model]
+        line, given = MODELS[model], 0.0
+        if F.LARGE_MOTION not in line.features and model != choice.model and ask.duration > 0:
+            given = range_of(scene, model)
+            if not given <= 0.5 * ask.accuracy:
+                continue
         free = ask.method == "auto" and ask.step is None and choice.method != "harmonic"
         names = [name for name in line.marched if can_march(model, name)] if free else [choice.method]
         for name in names if ask.duration > 0 else names[:1]:
@@ -354,10 +358,18 @@ def ways(scene: sc.Scene, ask: Ask, choice: Choice) -> list[pilot.Way]:
             else:
                 knob, tune = float(ask.step or 0.0), False
             found.append(pilot.Way(
-                model, name, line.order, line.price, knob, 10.0 if method.adaptive else 2.0, tune,
+                model, name, line.order, line.price, knob, 10.0 if method.adaptive else 2.0, tune, given,
                 least_steps=pilot.free if name not in RUNGE_KUTTA else partial(least_steps, scene, ask, model),
             ))  # fmt: skip
     return found
+
+
+def range_of(scene: sc.Scene, model: str) -> float:
+    """Estimated relative error of a small-motion line in the scene's motion; infinite where it cannot be built."""
+    try:
+        return float(MODELS[model].build(scene, FIRST).range_error())
+    except CannotRepresent:
+        return math.inf
 
 
 def can_march(model: str, method: str) -> bool:
