@@ -128,7 +128,7 @@ def ensemble(members: int) -> None:
     scene, base = STUDY.scene, baseline_scene(STUDY.scene, "locked")
     names = ("delta", "gamma", "energy_share_device", "rms_reduction")
     print(f"| line | N | {' | '.join(names)} | CPU s | status |\n|---|---|{'---|' * (len(names) + 2)}")
-    for model, n in (("lumped", 160), ("transverse", 24), ("transverse", 32), ("transverse", 60)):
+    for model, n in (*(("lumped", n) for n in (80, 160)), *(("transverse", n) for n in (24, 40, 60, 120))):
         ask = Ask(duration=5.0, segments=n, model=model, method="dopri5")
         still = summarise(solve(base, ask), base, STUDY.settings)
         found, cost, status = [], 0.0, Counter[str]()
