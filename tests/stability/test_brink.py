@@ -19,7 +19,8 @@ from solvers.model import REMEDY
 
 @pytest.mark.parametrize(
     ("method", "real", "imaginary"),
-    [("rk2", 2.0, 0.0), ("rk4", 2.7853, 2.8284), ("dopri5", 3.3066, None), ("trbdf2", math.inf, math.inf)],
+    [("rk2", 2.0, 0.0), ("rk4", 2.7853, 2.8284), ("dopri5", 3.3066, None), ("trbdf2", math.inf, math.inf),
+     ("esdirk4", math.inf, math.inf)],
 )
 def test_limits_on_the_axes(method, real, imaginary):
     """Hairer & Wanner, IV.2, to the digits given; Heun's rule has none on the imaginary axis: what rounding leaves."""
