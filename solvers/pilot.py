@@ -141,6 +141,8 @@ def in_time(pilots: Pilots, way: Way, segments: int, wanted: float) -> tuple[flo
         return knob, 0.0
     while True:
         run = pilots(way, segments, knob)
+        if run.status == Status.CANNOT_REPRESENT:
+            return knob, math.inf
         found = gap(run, pilots(way, segments, knob / way.factor)) / (1 - 1 / way.factor)
         good = found <= wanted and run.status != Status.ENERGY_OPEN
         if good or not way.tune or knob / way.factor**2 < TIGHTEST:
@@ -187,14 +189,19 @@ def refine(attempt: Attempt, ways: list[Way], accuracy: float, first: int) -> Re
         way = ways[0]
         run = pilots(way, first, way.knob)
         return Refined(way, first, way.knob, run, math.nan, math.inf, len(pilots), round(pilots.work), True)
-    _, way, knob, late = min(offers, key=lambda offer: offer[0])
-    wanted = wanted_in_space(way, accuracy, late)
-    fine, error = in_space(pilots, way, first, knob, wanted)
-    run = pilots(way, fine, knob)
-    while run.status == Status.ENERGY_OPEN and way.tune and knob / way.factor > TIGHTEST:
-        knob /= way.factor  # finer meshes ring more
+    found = []
+    for _, way, knob, late in sorted(offers, key=lambda offer: offer[0]):
+        fine, error = in_space(pilots, way, first, knob, wanted_in_space(way, accuracy, late))
         run = pilots(way, fine, knob)
-    return Refined(way, fine, knob, run, error + late + way.given, late, len(pilots), round(pilots.work), False)
+        while run.status == Status.ENERGY_OPEN and way.tune and knob / way.factor > TIGHTEST:
+            knob /= way.factor  # finer meshes ring more
+            run = pilots(way, fine, knob)
+        total = error + late + way.given
+        found.append(Refined(way, fine, knob, run, total, late, len(pilots), round(pilots.work), False))
+        if run.status == Status.OK:
+            break
+    best = next((one for one in found if one.response.status in ENDED), found[0])
+    return best._replace(runs=len(pilots), work=round(pilots.work))
 
 
 def wanted_in_space(way: Way, accuracy: float, late: float) -> float:

@@ -112,6 +112,19 @@ def test_dear_explicit_method_is_not_tried() -> None:
     assert {method for method, _, _ in made.asked} == {"cheap"}
 
 
+def test_a_way_that_leaves_its_range_hands_over() -> None:
+    """The cheaper line runs on coarse meshes and is found out of its range on finer ones; the other one takes over."""
+    made = Made(late=0.0)
+
+    def attempt(line: pilot.Way, segments: int, knob: float) -> Response:
+        strays = line.method == "small" and segments > 20
+        return replace(made(line, segments, knob), status=Status.CANNOT_REPRESENT if strays else Status.OK)
+
+    found = pilot.refine(attempt, [way("large", price=9.0), way("small")], 1e-2, 10)
+    assert found.way.method == "large"
+    assert found.response.status == Status.OK
+
+
 def test_waveforms_that_do_not_converge_are_called_chaotic() -> None:
     """Each tolerance gives another phase: the error is NaN, and few pilots are spent on it."""
 
