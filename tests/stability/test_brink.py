@@ -147,7 +147,7 @@ def test_dormand_prince_at_a_fixed_step(name):
         step = share * brink.stable_step("dopri5", lam, duration=STEPS / np.abs(lam).max())
         stop = STEPS * step
         v = 1e-6 * np.random.default_rng(0).standard_normal(model.ndof)
-        limits = Limits(step, 0.0, 1.0, 0.0, 1.0, 1e-12)
+        limits = Limits(step, 0.0, 1.0, 0.0, np.full(model.n_gaps, math.inf), 1e-12)
         ask = Ask(duration=stop, method="dopri5")
         run = marched(model, ask, "dopri5", limits, rest, v, np.array([0.0, stop]), np.linspace(0, stop, 101))
         found.append(float(np.nanmax(run.out.ledger[:, 0])) if run.code == Status.OK else math.inf)
