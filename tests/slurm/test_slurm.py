@@ -227,13 +227,13 @@ def test_a_killed_job_is_submitted_again_and_a_cancelled_one_stays_cancelled(slu
     call("scancel", "--signal=KILL", "--full", first[0], **slurm)
     wait(slurm, first)
     assert 1 <= _rows(out) < COUNT
-    second = submit(slurm, many, out, "--ranks", 3)[2:]
+    second = submit(slurm, many, out, "--ranks", 3, "--pilots", 0)[2:]
     _wait_for(out, 10)
     call("scancel", second[0], **slurm)
     wait(slurm, second)
     assert "Restarts=0" in call("scontrol", "-o", "show", "job", second[0], **slurm).stdout
     assert 10 <= _rows(out) < COUNT
-    third = submit(slurm, many, out, "--ranks", 3)[4:]
+    third = submit(slurm, many, out, "--ranks", 3, "--pilots", 0)[4:]
     wait(slurm, third)
     _complete(out, undisturbed)
 
