@@ -17,7 +17,7 @@ import numpy as np
 from solvers import QUANTITIES, Ask, CannotRepresent, Response, Scene, Status, solve
 from solvers.model import REMEDY
 
-from .config import MetricSettings
+from .config import MetricSettings, split_name
 from .metrics import FINISHED, LEDGER, Summary, compute, metric_names, settling_index, summarise, transverse
 from .point import Point, Record
 from .space import baseline_model, baseline_scene, point_key
@@ -156,7 +156,7 @@ def baseline_of(point: Point, response: Response) -> Baseline:
     """The point's baseline, computed once in this process; the design's own run where it is its baseline."""
     scene = baseline_scene(point.scene, point.settings.baseline)
     ask = baseline_ask(point.ask, response, point.settings.baseline)
-    window = replace(point.settings, repeats=0, objectives=())
+    window = point.settings.single
     sections = point.scene.cable
     key = point_key(scene, ask, window) + point_key(replace(point.scene, devices=()), ask)
     if key in _baselines:
@@ -238,7 +238,7 @@ def _spreads(
 ) -> dict[str, float]:
     """Half the range of each objective over the run and its perturbed, trusted repetitions."""
     settings: MetricSettings = point.settings
-    stems = [name.removesuffix("_mean").removesuffix("_worst") for name in settings.objectives]
+    stems = [split_name(name)[0] for name in settings.objectives]
     rows = [metrics]
     for k in range(settings.repeats):
         ask = replace(point.ask, perturbation=settings.perturbation, seed=point.ask.seed + k + 1)

@@ -26,6 +26,17 @@ from .point import Order, Point
 # --------------------------------------------------------------------------- designs
 
 
+def design_values(study: Study, limit: int | None = None) -> np.ndarray:
+    """(n_design, n_variable) values of the design variables; ``limit`` takes the first designs."""
+    if study.sampler.kind == "given":
+        return np.array([study.sampler.values[key] for key in study.variables], dtype=float).T[:limit]
+    samples = unit_samples(study)[:limit]
+    values = np.empty(samples.shape)
+    for j, variable in enumerate(study.variables.values()):
+        values[:, j] = [variable.at(float(u)) for u in samples[:, j]]
+    return values
+
+
 def unit_samples(study: Study) -> np.ndarray:
     """Designs in the unit cube, one column for each variable.
 
@@ -58,6 +69,8 @@ def count_designs(study: Study) -> int:
     """How many designs the study has."""
     if not study.variables:
         return 1
+    if study.sampler.kind == "given":
+        return len(next(iter(study.sampler.values.values())))
     if study.sampler.kind == "grid":
         given, n = study.sampler.levels, study.sampler.n
         return math.prod(
@@ -81,11 +94,7 @@ def _grid(study: Study) -> np.ndarray:
 
 def designs(study: Study, limit: int | None = None) -> list[dict[str, float]]:
     """The study's designs, each the values of its variables by name; ``limit`` takes the first ones."""
-    samples = unit_samples(study)[:limit]
-    return [
-        {key: variable.at(float(u)) for (key, variable), u in zip(study.variables.items(), row, strict=True)}
-        for row in samples
-    ]
+    return [dict(zip(study.variables, map(float, row), strict=True)) for row in design_values(study, limit)]
 
 
 def extremes(study: Study) -> dict[str, dict[str, float]]:
@@ -185,6 +194,8 @@ def point_key(scene: Scene, ask: Ask, settings: MetricSettings | None = None) ->
         chosen = asdict(settings)
         if not settings.repeats:
             del chosen["repeats"], chosen["perturbation"], chosen["objectives"]
+        if settings.uncertainty is None:
+            del chosen["uncertainty"]
         parts["metrics"] = chosen
     text = json.dumps(canonical(parts), sort_keys=True, separators=(",", ":"), allow_nan=False)
     return hashlib.sha256(text.encode()).hexdigest()[:16]
