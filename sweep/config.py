@@ -416,12 +416,19 @@ def parse_yaml(text: str, source: str) -> tuple[Any, list[Mistake]]:
     return content, twice
 
 
-def load_study(path: str | Path) -> Study:
-    """Read, check and return a study; ConfigError lists every mistake in it."""
+def load_study(path: str | Path, designs: str | Path | None = None) -> Study:
+    """Read, check and return a study; ConfigError lists every mistake in it.
+
+    Parameters
+    ----------
+    designs : a front.nc or results.nc, whose designs are taken instead of the sampler's
+    """
     path = Path(path)
     raw, mistakes = read_yaml(path)
     if raw is ABSENT:
         raise ConfigError(mistakes, str(path))
+    if designs is not None and isinstance(raw, dict):
+        raw = raw | {"sampler": {"kind": "given", "file": str(Path(designs).absolute())}}
     return parse_study(raw, folder=path.parent, source=str(path), mistakes=mistakes)
 
 
@@ -733,7 +740,9 @@ def _check_environments(draft: Draft, sound: Sound, owners: Mapping[str, str]) -
                 draft.add(where, written, "draws stochastic motions, of which the scene has none", remedy)
             for path in [path for path in seeds if path in taken]:
                 draft.add(where, written, f"`{path}` is already set by {taken[path]}", "leave one of them out")
-        good = [path for path, where in taken.items() if where.startswith(f"environments[{i}].")]
+        sure_of = {f"environments[{i}].{part}.{path}" for part in ("set", "grid")
+                   for path in getattr(environment, part) if draft.sure("environments", i, part, path)}  # fmt: skip
+        good = [path for path, where in taken.items() if where in sure_of]
         sure = draft.sure("environments", i, "name") and draft.sure("environments", i, "grid")
         for spread in spread_out(environment, seeds):
             if sure and draft.sure("environments", i, "seeds"):
@@ -768,7 +777,7 @@ def _check_sampler(draft: Draft) -> None:
 
 def _check_given(draft: Draft, sampler: Sampler) -> None:
     """That given designs name the study's variables, all of them, once each, and keep to their ranges."""
-    if not draft.sure("sampler") or draft.names is None:
+    if not draft.sure("sampler", "values") or draft.names is None:
         return
     names, variables = draft.names, draft.get("variables", {})
     if not sampler.values:
@@ -871,9 +880,8 @@ def _check_objectives(draft: Draft) -> None:
     devices = lookup(draft.scene.outline, "devices")
     count = len(devices) if isinstance(devices, list) else None
     environments = draft.get("environments", ())
-    aggregated = len(environments) > 1 or not draft.sure("environments") or any(
-        len(spread_out(entry, ["seed"])) > 1 for entry in environments
-    )
+    several = sum(len(spread_out(entry, ["seed"])) for entry in environments) > 1
+    aggregated = several or not draft.sure("environments")
     good = [name for name, metric in METRICS.items() if metric.direction]
     for i, name in enumerate(objectives):
         if not draft.sure("objectives", i):
@@ -973,12 +981,12 @@ def _check_extremes(draft: Draft, sound: Sound) -> None:
         for problem, mistake in design(middle, patch.set).items():
             if problem in usual:
                 continue
-            at, mine = patch.places.get(mistake.path, ""), mistake.path in patch.set
+            at = patch.places.get(mistake.path, "")
             words = (at or f"environments[{patch.entry}]", repr(patch.set.get(mistake.path)), mistake.problem)
             if words in told:
                 continue
             told.add(words)
-            if mine:
+            if at:
                 draft.add(at, patch.set[mistake.path], mistake.problem, mistake.remedy)
             else:
                 part = "set" if all(".set." in place for place in patch.places.values()) else "grid"

@@ -65,7 +65,7 @@ def aggregate_deviation(deviations: np.ndarray, how: str) -> np.ndarray:
 
 
 def column(dataset: xr.Dataset, name: str) -> xr.DataArray:
-    """A metric over points or designs; over several environments its mean, or its ``_worst`` or ``_q10`` if so named."""
+    """A metric over points or designs; over several environments its mean, or its ``_worst`` or ``_q10``."""
     if name in dataset and "environment" not in dataset[name].dims:
         return dataset[name]
     stem, said = split_name(name)
