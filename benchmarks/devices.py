@@ -3,8 +3,8 @@
     python benchmarks/devices.py [--segments 80] [--seas 6] [--fouled 1] [--repeats 4]
         [--keep FILE] [--csv FILE]
 
-Masses and places are Table 1's for all: 4, 3, 4 and 4 kg, on rigid rods of 0.998 m as the paper mounts its sinks, and at
-points. Environments: the paper's pulse (3.4) on the clean cable; `--seas` random seas on the clean cable
+Masses and places are Table 1's for all: 4, 3, 4 and 4 kg, on rigid rods of 0.998 m as the paper mounts its sinks, and
+at points. Environments: the paper's pulse (3.4) on the clean cable; `--seas` random seas on the clean cable
 (configs/robust_stochastic.yaml); nine states of fouling (configs/biofouling.yaml) with `--fouled` seas each.
 
 The dampers are tuned to the nominal cable: its linear modes (tangent at rest, locked masses at points, added mass
@@ -264,7 +264,7 @@ POINTS, BARE = ("locked masses", "points"), ("nothing", "-")
 
 def show_tuning(tuning: Tuning, tried: list[tuple[float, float, float]], segments: int) -> None:
     least, frequency, ratio = min(one for one in tried if math.isfinite(one[0]))
-    print(f"N = {segments}. Modes of the cable with locked masses, their shares in the bare cable's x2 after the pulse\n")
+    print(f"N = {segments}. Modes with locked masses, their shares in the bare cable's x2 after the pulse\n")
     table(["mode", *map(str, range(1, MODES + 1))], [
         ["Hz", *(f"{f:.3f}" for f in tuning.frequencies)], ["share", *(f"{s:.1%}" for s in tuning.shares)],
     ])  # fmt: skip
