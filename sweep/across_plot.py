@@ -81,7 +81,7 @@ def plot_spectra(found: xr.Dataset, figure: Figure | None = None) -> Figure:
     last = min(int(1.3 * max(int(shown[-1]), 4)) + 1, len(f) - 1) if shown.size else len(f) - 1
     n = found.sizes["environment"]
     colours = matplotlib.colormaps[MAP](np.linspace(0, 0.93, n))
-    styles = ("-", "--", ":")
+    styles: Any = ("-", "--", ":")
     for ax, (name, array) in zip(panels, columns.items(), strict=True):
         for e in range(n):
             heights = array.values[e, 1 : last + 1]
