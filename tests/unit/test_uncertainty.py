@@ -146,6 +146,14 @@ def test_a_part_that_fails_is_said_and_not_a_zero(solver, monkeypatch):  # noqa:
     assert "the run on 6 segments ended UNRESOLVED" in record.message
 
 
+def test_an_untrusted_run_is_not_repeated(solver):  # noqa: F811
+    solver.statuses[True] = Status.UNRESOLVED
+    record = evaluate(point(uncertainty=ASKED))
+    assert len(solver.alive) == 1
+    assert record.status == "UNRESOLVED"
+    assert "delta_sd" not in record.metrics  # which results show as NaN
+
+
 def test_fixed_steps_are_halved(solver):  # noqa: F811
     evaluate(point(replace(ASK, method="rk4", step=1e-3), uncertainty=Uncertainty(runs=2, refine=2.0)))
     _, same, shorter, half, finer = solver.alive
