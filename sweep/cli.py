@@ -12,6 +12,7 @@ import math
 import os
 import sys
 from enum import StrEnum
+from importlib import resources
 from pathlib import Path
 from typing import Annotated, Any
 
@@ -70,6 +71,23 @@ def main() -> None:
 
 
 # --------------------------------------------------------------------------------------------- before a run
+
+
+@app.command()
+def init(directory: Annotated[Path, typer.Argument(metavar="DIR", help="folder to be; made if need be")]) -> None:
+    """Write a commented starter study: study.yaml and the scene beside it."""
+    starter = resources.files("sweep") / "starter"
+    files = sorted((entry for entry in starter.iterdir() if entry.name.endswith(".yaml")), key=lambda entry: entry.name)
+    if there := [entry.name for entry in files if (directory / entry.name).exists()]:
+        raise store.StoreError(f"{directory} has {' and '.join(there)} already: name another folder")
+    try:
+        directory.mkdir(parents=True, exist_ok=True)
+        for entry in files:
+            (directory / entry.name).write_text(entry.read_text(encoding="utf-8"), encoding="utf-8")
+    except OSError as error:
+        raise store.StoreError(f"{directory} cannot be written: {error.strerror}") from None
+    say(f"wrote {', '.join(str(directory / entry.name) for entry in files)}")
+    say(f"next: sweep check {directory / 'study.yaml'}; sweep run {directory / 'study.yaml'} --out {directory / 'out'}")
 
 
 @app.command()
