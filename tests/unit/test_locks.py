@@ -44,7 +44,7 @@ def test_who_may_work_beside_whom(tmp_path, first, second, together):
 
 def test_another_form_of_the_study_is_refused(tmp_path):
     lock = acquire(tmp_path, "part0of2", STUDY)
-    with pytest.raises(Busy, match="another form of this study"):
+    with pytest.raises(Busy, match="another form of this study, or another --limit, there"):
         acquire(tmp_path, "part1of2", "f" * 16)
     assert [holder.part for holder in holders(tmp_path)] == ["part0of2"]
     lock.release()
@@ -107,7 +107,7 @@ def test_a_lock_of_another_host_goes_stale_by_the_file_servers_clock(tmp_path, m
 def test_an_earlier_turn_of_the_same_job_gives_way(tmp_path, monkeypatch):
     _left_behind(tmp_path, host="elsewhere", boot="another", job="17", turn=0)
     monkeypatch.setenv("SLURM_JOB_ID", "17")
-    monkeypatch.setattr(locks, "_gone", lambda job: False)
+    monkeypatch.setattr(locks, "_states", lambda jobs: {})
     with pytest.raises(Busy):
         acquire(tmp_path, "", STUDY)
     monkeypatch.setenv("SLURM_RESTART_COUNT", "1")
