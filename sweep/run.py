@@ -224,8 +224,8 @@ def begun(directory: Path) -> None:
     """Refuse to requeue for ever a job that never comes so far as to write: its launcher fails, or there is no room."""
     if restarts() >= FRUITLESS and job_name() not in jobs_begun(directory):
         raise CannotRun(
-            f"job {job_name()} was started {restarts() + 1} times and never began to write: see its log, put right what "
-            "is said there (a full disk, `launch` or `setup` of site.yaml), and submit again."
+            f"job {job_name()} was started {restarts() + 1} times and never began to write: put right what its log "
+            "says (a full disk, `launch` or `setup` of site.yaml), and submit again."
         )
 
 

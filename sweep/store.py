@@ -18,6 +18,7 @@ import os
 import socket
 import threading
 import time
+import uuid
 from collections import OrderedDict, deque
 from collections.abc import Callable, Iterable, Iterator, Mapping
 from contextlib import contextmanager, suppress
@@ -546,7 +547,7 @@ def write_whole(path: Path, write: Callable[[Path], object]) -> Path:
 
     A ``write`` that returns False has thought better of it, and the file stays as it was.
     """
-    temporary = path.with_name(f".{path.name}.{socket.gethostname()}.{os.getpid()}")
+    temporary = path.with_name(f".{path.name}.{uuid.uuid4().hex[:12]}")
     with complaint(path):
         try:
             path.parent.mkdir(parents=True, exist_ok=True)
@@ -611,7 +612,7 @@ def contents(directory: str | Path) -> tuple[Study, Plan]:
     plan = read_plan(Path(directory) / "plan.json")
     if plan.text != study.text:
         raise StoreError(
-            f"{directory}: plan.json is not of study.yaml, which was edited, or a run was killed as it took up a changed "
+            f"{directory}: plan.json is not of study.yaml, which was edited, or a run was killed as it took up a new "
             f"one. `sweep run {directory}/study.yaml --out {directory}` plans it anew; rows that fit are kept."
         )
     return study, plan
