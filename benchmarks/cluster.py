@@ -89,7 +89,7 @@ class Simulated:
     Messages are pickled and unpickled as MPI would; ``spent`` is the time that the leader was given work.
     """
 
-    rank, local = 0, 0
+    rank, local, here, hung = 0, 0, 0, False
 
     def __init__(self, workers: int, seconds: float) -> None:
         self.size = workers + 1

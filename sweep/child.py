@@ -28,6 +28,7 @@ from .point import Order, Point, Record
 from .space import made
 
 PR_SET_PDEATHSIG = 1
+MOST_MESSAGE = 500  # characters of a row's message that are kept
 
 
 def die_with_parent(parent: int) -> None:
@@ -72,6 +73,13 @@ def memory(pid: int) -> tuple[float, float] | None:
     return (words[1] - words[2]) * page, words[5] * page
 
 
+def brief(message: str) -> str:
+    """A message fit for a row: not an array printed in full, and text that every file can hold."""
+    if len(message) > MOST_MESSAGE:
+        message = f"{message[: MOST_MESSAGE - 30]} ... ({len(message)} characters)"
+    return message.replace("\0", " ").encode("utf-8", "replace").decode()
+
+
 def failed(point: Point | Order, status: str, message: str, seconds: float = 0.0) -> Record:
     """The row of a point that gave no result."""
     return Record(
@@ -80,7 +88,7 @@ def failed(point: Point | Order, status: str, message: str, seconds: float = 0.0
         environment=point.environment,
         values=dict(point.values),
         status=status,
-        message=message,
+        message=brief(message),
         seconds=seconds,
     )
 
@@ -95,7 +103,10 @@ def reason(error: BaseException) -> str:
 def guarded(evaluate: Callable[[Point], Record], point: Point) -> Record:
     """Evaluate a point; whatever is raised becomes a row."""
     try:
-        return evaluate(point)
+        record = evaluate(point)
+        if isinstance(record, Record) and record.message != (message := brief(record.message)):
+            record = replace(record, message=message)
+        return record
     except MemoryError as error:
         return failed(point, "MEMORY", reason(error))
     except BaseException as error:
@@ -128,6 +139,10 @@ def main(argv: list[str]) -> int:
         pipe.send(("broken", reason(error)))
         return 1
     if limit is not None:
+        if (usage := memory(os.getpid())) is not None and usage[0] > limit:
+            why = f"the memory limit of {limit:g} MB is less than the {usage[0]:.0f} MB that it takes without a point"
+            pipe.send(("broken", why))
+            return 1
         limit_memory(limit)
     pipe.send(("ready", ""))
     while True:

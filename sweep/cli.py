@@ -52,7 +52,7 @@ class Retry(StrEnum):
 def say(text: object = "", err: bool = False) -> None:
     try:
         typer.echo(str(text), err=err)
-    except BrokenPipeError:  # `sweep show ... | head`: the work goes on, what it says goes nowhere
+    except OSError:  # `sweep show ... | head`, a job's log on a full disk: the work goes on, what it says goes nowhere
         os.dup2(os.open(os.devnull, os.O_WRONLY), (sys.stderr if err else sys.stdout).fileno())
 
 
@@ -155,7 +155,7 @@ def run(
     _log(ranks)
     if ranks.rank > 0:
         raise typer.Exit(distribute.serve(ranks))
-    code, abort = 2, False
+    code = 2
     try:
         settings = running.Settings(
             directory=out,
@@ -168,9 +168,11 @@ def run(
         code = ended.exit_code
         say(report.ending(ended.groups, ended.interrupted, ended.results, out))
     except BAD_INPUT as error:
-        code, abort = complain(error), isinstance(error, distribute.Silent)
+        code = complain(error)
+    except KeyboardInterrupt:
+        code = 3
     finally:
-        distribute.dismiss(ranks, code, abort)
+        distribute.dismiss(ranks, code)
     raise typer.Exit(code)
 
 
@@ -247,6 +249,7 @@ def status(
     pace = sum(journal.pace for journal in replay.journals if journal.writer.rpartition("-")[0] in parts)
     say(report.outlook(to_go, pace, len(live)))
     if missing and to_go:
+        running.begun(directory)
         raise typer.Exit(3)
 
 

@@ -30,6 +30,7 @@ from .supervise import SIGNALS, CannotRun, Child
 
 GRACE = {"SIGUSR1": 60.0}  # a point in flight may finish within this time of a signal [s] ...
 SHORT = 5.0  # ... and within this of the others: SLURM kills 30 s after SIGTERM
+IMPATIENT = 1.0  # a second Ctrl-C after this ends a run at once; a launcher passes the first one on twice [s]
 POLL = 0.002  # how long a rank with something to do sleeps between looks [s]
 CHUNK_SECONDS, CHUNK = 0.5, 1024  # a chunk lasts for so long, and holds no more points
 NEWS, ALIVE = 0.5, 10.0  # how often a rank tells of its rows, or that it lives [s]
@@ -61,8 +62,9 @@ class Job:
         known = self.any_version or self.turn is not None  # then rank 0 has seen to it
         return open_store(self.directory, f"{self.part}{rank}", self.header, any_version=known, turn=self.turn)
 
-    def child(self) -> Child:
-        limits = self.time_limit, self.memory_limit or memory_share()
+    def child(self, here: int = 0) -> Child:
+        """A child, one of so many on this node (0: the environment may know)."""
+        limits = self.time_limit, self.memory_limit or memory_share(here)
         return Child(self.evaluator, self.warm_ups, *limits, study=self.study)
 
 
@@ -76,18 +78,22 @@ class Done:
     count: int = 1
 
 
-def memory_share() -> float | None:
-    """What a worker may use where the study does not say [MB]: its share of the job's or the machine's memory."""
+def memory_share(here: int = 0) -> float | None:
+    """What a worker may use where the study does not say [MB]: its share of the job's or the machine's memory.
+
+    ``here`` is how many share the node; 0 takes what the launcher's environment says.
+    """
     cores = _count("SLURM_CPUS_PER_TASK") or 1
     if limit := _count("SLURM_MEM_PER_CPU") * cores:
         share = float(limit)
     else:
-        here = _count("SLURM_NTASKS_PER_NODE") or _count("MPI_LOCALNRANKS") or _count("OMPI_COMM_WORLD_LOCAL_SIZE")
+        names = ("SLURM_NTASKS_PER_NODE", "MPI_LOCALNRANKS", "OMPI_COMM_WORLD_LOCAL_SIZE")
+        here = here or next(filter(None, map(_count, names)), 1)
         try:
             share = os.sysconf("SC_PAGE_SIZE") * os.sysconf("SC_PHYS_PAGES") / 1e6
         except (ValueError, OSError):
             return None
-        share = 0.9 * min(share, _count("SLURM_MEM_PER_NODE") or share) / max(here, 1)
+        share = 0.9 * min(share, _count("SLURM_MEM_PER_NODE") or share) / here
     return round(max(share - RANK_MEMORY, share / 2))
 
 
@@ -99,10 +105,12 @@ class Interrupt:
 
     def __init__(self) -> None:
         self.name = ""
-        self.end = 0.0  # of the grace, by the monotonic clock
+        self.end = self.since = 0.0  # of the grace, by the monotonic clock
 
     def set(self, name: str) -> None:
-        end = time.monotonic() + GRACE.get(name, SHORT)
+        now = time.monotonic()
+        self.since = self.since if self.name else now
+        end = now + GRACE.get(name, SHORT)
         self.end = min(self.end, end) if self.name else end  # a SIGTERM after a SIGUSR1 is in more of a hurry
         self.name = self.name or name
 
@@ -115,12 +123,18 @@ class Interrupt:
 
 
 @contextmanager
-def interruptible() -> Iterator[Interrupt]:
-    """Turn the signals that ask a job to end into a flag."""
+def interruptible(interrupt: Interrupt | None = None) -> Iterator[Interrupt]:
+    """Turn the signals that ask a job to end into a flag, a given one if somebody listens already."""
+    if interrupt is not None:
+        yield interrupt
+        return
     interrupt = Interrupt()
 
     def handle(number: int, frame: FrameType | None) -> None:
+        impatient = number == signal.SIGINT and interrupt.name and time.monotonic() - interrupt.since > IMPATIENT
         interrupt.set(signal.Signals(number).name)
+        if impatient:
+            raise KeyboardInterrupt
 
     before = {number: signal.signal(number, handle) for number in SIGNALS}
     try:
@@ -139,6 +153,8 @@ class World(Protocol):
     rank: int
     size: int
     local: int  # rank among those of this node
+    here: int  # how many they are; 0 where nobody has counted
+    hung: bool  # a rank does not answer: closing MPI would wait for it for ever
 
     def send(self, to: int, message: Any) -> None: ...
     def receive(self) -> tuple[int, Any] | None: ...
@@ -149,7 +165,7 @@ class World(Protocol):
 class Alone:
     """A world of one."""
 
-    rank, size, local = 0, 1, 0
+    rank, size, local, here, hung = 0, 1, 0, 0, False
 
     def send(self, to: int, message: Any) -> None:
         raise AssertionError("nobody to send to")
@@ -170,7 +186,9 @@ class Mpi:
     def __init__(self, MPI: Any) -> None:
         self._mpi, self._comm = MPI, MPI.COMM_WORLD
         self.rank, self.size = self._comm.rank, self._comm.size
-        self.local = self._comm.Split_type(MPI.COMM_TYPE_SHARED, self.rank).rank
+        node = self._comm.Split_type(MPI.COMM_TYPE_SHARED, self.rank)
+        self.local, self.here = node.rank, node.size
+        self.hung = False
         self._sent: list[Any] = []
 
     def send(self, to: int, message: Any) -> None:
@@ -198,7 +216,7 @@ class Mpi:
 def world() -> World:
     """The ranks this process belongs to; ``CannotRun`` when a launcher started copies that are strangers."""
     name, launched = max(((name, _count(name)) for name in SIZES), key=lambda pair: pair[1])
-    if launched == 0 and "mpi4py" not in sys.modules:
+    if launched <= 1 and "mpi4py" not in sys.modules:  # an array task too: some MPIs end a process they did not start
         return Alone()
     try:
         from mpi4py import MPI
@@ -229,10 +247,10 @@ def _strangers(name: str, launched: int, why: str) -> str:
 class _Worker:
     """A rank's child, its queue and its journal."""
 
-    def __init__(self, job: Job, rank: int, interrupt: Interrupt, report: Callable[[Done], None]) -> None:
-        self.store = job.store(rank)
+    def __init__(self, job: Job, ranks: World, interrupt: Interrupt, report: Callable[[Done], None]) -> None:
+        self.store = job.store(ranks.rank)
         self.store.open()
-        self.child = job.child()
+        self.child = job.child(ranks.here)
         self.queue: deque[Point | Order] = deque()
         self.interrupt, self.report = interrupt, report
         self.rows = 0
@@ -251,7 +269,9 @@ class _Worker:
             self.child.stop()
         self.feed()
         record = self.child.poll(timeout)
-        if record is not None:
+        if record is None:
+            self.store.tick()
+        else:
             done = Done(record.status, record.message, self.child.took)
             self.feed()  # the child works on while the row is written
             self.store.append(record)
@@ -284,14 +304,16 @@ def map_points(
     ranks: World,
     report: Callable[[Done], None] = lambda done: None,
     beat: Callable[[], None] = lambda: None,
+    interrupt: Interrupt | None = None,
 ) -> str:
     """Evaluate ``points`` over all ranks; rank 0 calls this while the others ``serve``.
 
-    Every row is in a journal before ``report`` hears of it; ``beat`` is called often. Returns the name of the signal
-    that stopped it early, or "". Raises ``CannotRun`` or ``StoreError`` when all have stopped.
+    Every row is in a journal before ``report`` hears of it; ``beat`` is called often. ``interrupt`` is that of a caller
+    who listens to signals already. Returns the name of the signal that stopped it early, or "". Raises ``CannotRun``
+    or ``StoreError`` when all have stopped.
     """
-    with interruptible() as interrupt:
-        return _Leader(points, job, ranks, interrupt, report, beat).run()
+    with interruptible(interrupt) as heard:
+        return _Leader(points, job, ranks, heard, report, beat).run()
 
 
 def evaluate_alone(point: Point, job: Job) -> Record:
@@ -339,7 +361,7 @@ class _Leader:
         self.queue = _Queue(points)
         self.job, self.ranks, self.interrupt, self.report, self.beat = job, ranks, interrupt, report, beat
         self.mean = 0.0  # seconds of a point, over the last hundred or so
-        self.worker = _Worker(job, 0, interrupt, self.count)
+        self.worker = _Worker(job, ranks, interrupt, self.count)
         self.working: set[int] = set()  # ranks that have a job and have not said goodbye
         self.heard: dict[int, float] = {}  # when each of them spoke last
 
@@ -357,7 +379,8 @@ class _Leader:
                     self.call_off()
         except BaseException:
             self.interrupt.set("a failure")
-            self.call_off()
+            with suppress(Silent):  # the failure is what there is to say; ``hung`` keeps it in mind
+                self.call_off()
             raise
         finally:
             self.worker.close()
@@ -417,7 +440,11 @@ class _Leader:
         oldest = min((self.heard[rank] for rank in self.working), default=time.monotonic())
         if time.monotonic() - oldest > self.job.silence:
             silent = sorted(rank for rank in self.working if self.heard[rank] == oldest)
-            raise Silent(f"rank {silent[0]} has been silent for {self.job.silence:.0f} s: it is dead or hangs")
+            raise self.silent(silent[0], f"has been silent for {self.job.silence:.0f} s")
+
+    def silent(self, rank: int, how: str) -> Silent:
+        self.ranks.hung = True
+        return Silent(f"rank {rank} {how}: it is dead or hangs")
 
     def chunk(self) -> Sequence[Point | Order] | Orders:
         """As many points as last for a while; fewer near the end, so that nobody is left with the last ones."""
@@ -436,7 +463,9 @@ class _Leader:
                 break
             except Exception:
                 continue
-        self.working.clear()
+        deaf, self.working = sorted(self.working), set()
+        if deaf:
+            raise self.silent(deaf[0], "did not end when it was told to")
 
 
 class Silent(CannotRun):
@@ -482,7 +511,7 @@ class _Follower:
 
     def __init__(self, job: Job, ranks: World, interrupt: Interrupt) -> None:
         self.ranks, self.interrupt = ranks, interrupt
-        self.worker = _Worker(job, ranks.rank, interrupt, self.note)
+        self.worker = _Worker(job, ranks, interrupt, self.note)
         self.news: Counter[tuple[str, str]] = Counter()  # rows that rank 0 has not heard of
         self.seconds: defaultdict[tuple[str, str], float] = defaultdict(float)
         self.told = time.monotonic()
@@ -549,9 +578,9 @@ class _Follower:
                 self.worker.child.go()
 
 
-def dismiss(ranks: World, code: int, abort: bool = False) -> None:
-    """Rank 0's last word: every rank closes MPI and ends; ``abort`` where one of them does not answer."""
-    if abort and ranks.size > 1:
+def dismiss(ranks: World, code: int) -> None:
+    """Rank 0's last word: every rank closes MPI and ends, or is ended where one of them does not answer."""
+    if ranks.hung:
         ranks.abort(code)
     for rank in range(1, ranks.size):
         ranks.send(rank, ("quit", code))

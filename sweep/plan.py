@@ -7,10 +7,12 @@ for each design variable.
 
 from __future__ import annotations
 
+import errno
 import heapq
 import json
 import os
 import socket
+import time
 from array import array
 from collections.abc import Iterator, Sequence
 from dataclasses import asdict, dataclass, field, fields
@@ -28,6 +30,7 @@ from .point import Order, Point
 from .space import baseline_model, baseline_scene, extremes, made, make_point, point_key, unit_samples
 
 FORMAT = 2
+READ_ATTEMPTS = 5  # of a plan that another node is replacing; network file systems close the old one
 MOST_BASELINES = 100  # that a plan lists
 
 
@@ -274,13 +277,21 @@ def _write(plan: Plan, file: TextIO) -> None:
 def read_plan(path: str | Path) -> Plan:
     """Read a plan; ConfigError where the file is not one."""
     path = Path(path)
-    try:
-        with path.open(encoding="utf-8") as file:
-            return _read(file)
-    except FileNotFoundError:
-        raise ConfigError([Mistake(str(path), ABSENT, "there is no such file")], str(path)) from None
-    except (OSError, ValueError, KeyError, TypeError, AttributeError, IndexError):
-        raise ConfigError([Mistake(str(path), ABSENT, "is not a plan of this version")], str(path)) from None
+    for attempt in range(READ_ATTEMPTS):
+        try:
+            with path.open(encoding="utf-8") as file:
+                return _read(file)
+        except FileNotFoundError:
+            why = "there is no such file"
+        except OSError as error:
+            if error.errno == errno.ESTALE and attempt < READ_ATTEMPTS - 1:  # replaced meanwhile on another node
+                time.sleep(0.2)
+                continue
+            why = f"cannot be read: {error.strerror or error}"
+        except (ValueError, KeyError, TypeError, AttributeError, IndexError):
+            why = "is not a plan of this version; remove it, and `sweep run` makes it anew"
+        break
+    raise ConfigError([Mistake(str(path), ABSENT, why)], str(path))
 
 
 def _read(file: TextIO) -> Plan:

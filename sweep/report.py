@@ -88,12 +88,17 @@ class Progress:
 _NUMBER = re.compile(r"(?<![\w.])[-+]?\d+(?:\.\d+)?(?:[eE][-+]?\d+)?")
 
 
+def unnumbered(message: str) -> str:
+    """A message without its numbers."""
+    return _NUMBER.sub("#", message)
+
+
 def grouped(pairs: Iterable[tuple[str, str]]) -> list[tuple[int, str, str]]:
     """(count, status, message) of equal failures, most frequent first; numbers in messages are ignored."""
     counts: Counter[tuple[str, str]] = Counter()
     first: dict[tuple[str, str], str] = {}
     for (status, message), n in (pairs if isinstance(pairs, Counter) else Counter(pairs)).items():
-        group = (status, _NUMBER.sub("#", message))
+        group = (status, unnumbered(message))
         counts[group] += n
         first.setdefault(group, message)
     return [(count, group[0], first[group]) for group, count in counts.most_common()]

@@ -81,7 +81,13 @@ def evaluate_unlimited(point: Point) -> Record:
 
 
 def planned(point: Point) -> Record:
-    """As ``evaluate``, for points of a study: FAKE_MODES says what the designs do in turn, FAKE_SECONDS how long."""
+    """As ``evaluate``, for points of a study: FAKE_MODES says what the designs do in turn, FAKE_SECONDS how long.
+
+    FAKE_HOLD=N:PATH lets designs from the N-th on wait until there is a file of that name: tests need not be quick.
+    """
+    first, _, gate = os.environ.get("FAKE_HOLD", "").partition(":")
+    while gate and point.design >= int(first) and not os.path.exists(gate):
+        time.sleep(0.02)
     modes = os.environ.get("FAKE_MODES", "good").split(",")
     values = {"x": point.design / 7, "mode": float(MODES.index(modes[point.design % len(modes)]))}
     values["seconds"] = float(os.environ.get("FAKE_SECONDS", "0"))
@@ -104,6 +110,10 @@ def tell(point: Point) -> Record:
     return Record(key=point.key, design=0, environment=0, values={}, status="OK", message=" ".join(found))
 
 
+def talk(point: Point) -> Record:
+    raise ValueError("x" * 1_000_000)
+
+
 def die() -> None:
     """A warm-up that takes the process with it."""
     os._exit(5)
@@ -122,7 +132,7 @@ def main(directory: str, count: str, seconds: str = "0.01", *modes: str) -> int:
         header={"solver": "fake"},
         evaluator=f"{HERE}:evaluate",
         warm_ups=(),
-        time_limit=1.0,
+        time_limit=3.0,  # a busy machine may keep a good point waiting
     )
     code = 2
     try:
