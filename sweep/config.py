@@ -58,20 +58,25 @@ class Metric(NamedTuple):
 
 METRICS: dict[str, Metric] = {}  # filled by sweep.metrics, which is imported with the package
 
-_SUFFIX = re.compile(r"_(mean|worst|spread)$")
+_SUFFIX = re.compile(r"(_ensemble)?(_(mean|worst)|_spread)?$")
+
+
+def stem(name: str) -> str:
+    """The metric that a run gives behind a result's name: ``delta`` for ``delta_ensemble_worst``."""
+    return name if name in METRICS else _SUFFIX.sub("", name, count=1)
 
 
 def find_metric(name: str, devices: int | None = None) -> Metric | None:
-    """The metric behind a result's name: ``delta``, ``stroke_2``, ``gamma_worst``, ``delta_spread``.
+    """The metric behind a result's name: ``delta``, ``stroke_2``, ``delta_ensemble_worst``, ``delta_spread``.
 
     Parameters
     ----------
     devices : number of devices in the scene; without it any device number is accepted
     """
-    stem = name if name in METRICS else _SUFFIX.sub("", name)
-    if stem in METRICS:
-        return METRICS[stem]
-    match = re.fullmatch(r"(\w+?)_([1-9]\d*)", stem)
+    short = stem(name)
+    if short in METRICS:
+        return METRICS[short]
+    match = re.fullmatch(r"(\w+?)_([1-9]\d*)", short)
     if match is None or match[1] not in METRICS or not METRICS[match[1]].per_device:
         return None
     return METRICS[match[1]] if devices is None or int(match[2]) <= devices else None
@@ -197,9 +202,9 @@ class MetricsSection:
 class MetricSettings(MetricsSection):
     """All that a point's metrics depend on besides its scene and its run."""
 
-    repeats: Whole = 0  # perturbed repetitions behind each `_spread`
+    repeats: Whole = 0  # perturbed repetitions behind each `_spread` and `_ensemble`
     perturbation: NonNegative = 1e-9  # of their initial velocities [m/s]
-    objectives: tuple[str, ...] = ()  # metrics that get a `_spread`
+    objectives: tuple[str, ...] = ()  # metrics that get a `_spread` and an `_ensemble`
 
 
 @record
@@ -674,7 +679,7 @@ def _check_metrics(draft: Draft) -> None:
 
 
 def _check_objectives(draft: Draft) -> None:
-    objectives = draft.get("objectives")
+    objectives, repeats = draft.get("objectives"), draft.get("repeats")
     if objectives is None or (not objectives and not draft.sure("objectives")):
         return
     devices = lookup(draft.scene.outline, "devices")
@@ -693,6 +698,8 @@ def _check_objectives(draft: Draft) -> None:
             draft.add(where, name, problem, f"allowed: {', '.join(good)}")
         elif name not in METRICS and name.endswith(("_mean", "_worst")) and not aggregated:
             draft.add(where, name, "aggregates need at least two `environments`")
+        elif "_ensemble" in name and draft.sure("repeats") and not (repeats and repeats.n):
+            draft.add(where, name, "is a mean over perturbed runs", "write e.g. `repeats: {n: 4}`")
         if name in objectives[:i]:
             draft.add(where, name, "is given twice")
     if not objectives:

@@ -131,6 +131,8 @@ def _metric_about(name: str) -> dict[str, str]:
     device = re.fullmatch(rf"{metric.name}_(\d+)", name)
     if device:
         about |= {"long_name": f"{metric.definition.split(';')[0]}; device {device[1]}"}
+    if name.endswith("_ensemble"):
+        about |= {"long_name": f"mean of {name.removesuffix('_ensemble')} over the run and its perturbed repetitions"}
     if name.endswith("_spread"):
         about |= {
             "long_name": f"spread of {name.removesuffix('_spread')} over perturbed runs",

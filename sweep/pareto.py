@@ -8,7 +8,7 @@ import numpy as np
 import xarray as xr
 from pymoo.util.nds.non_dominated_sorting import NonDominatedSorting
 
-from .config import find_metric
+from .config import find_metric, stem
 
 CRITERION = (
     "smallest Euclidean distance to the ideal point over the trusted front, each objective scaled to [0, 1] "
@@ -30,14 +30,14 @@ def column(dataset: xr.Dataset, name: str) -> xr.DataArray:
     """A metric over points or designs; over several environments its mean, or its ``_worst`` if so named."""
     if name in dataset and "environment" not in dataset[name].dims:
         return dataset[name]
-    stem = name.removesuffix("_mean").removesuffix("_worst")
-    if name == stem and f"{stem}_mean" in dataset:
-        return dataset[f"{stem}_mean"]
-    if stem not in dataset:
+    short = name.removesuffix("_mean").removesuffix("_worst")
+    if name == short and f"{short}_mean" in dataset:
+        return dataset[f"{short}_mean"]
+    if short not in dataset:
         raise ValueError(f"the results hold no metric `{name}`")
-    values = dataset[stem]
+    values = dataset[short]
     if name.endswith("_worst"):
-        worst = values.max if direction(stem) == "min" else values.min
+        worst = values.max if direction(short) == "min" else values.min
         return worst("environment", skipna=False)
     return values.mean("environment", skipna=False)
 
@@ -91,9 +91,8 @@ def spreads(dataset: xr.Dataset, objectives: Sequence[str]) -> np.ndarray:
     n = len(trusted(dataset))
     found = np.zeros((n, len(objectives)))
     for j, name in enumerate(objectives):
-        stem = name.removesuffix("_mean").removesuffix("_worst")
-        if f"{stem}_spread" in dataset:
-            spread = dataset[f"{stem}_spread"]
+        if f"{stem(name)}_spread" in dataset:
+            spread = dataset[f"{stem(name)}_spread"]
             if "environment" in spread.dims:
                 spread = spread.max("environment", skipna=False)
             found[:, j] = np.nan_to_num(spread.to_numpy().astype(float), nan=np.inf)

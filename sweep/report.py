@@ -222,7 +222,7 @@ def one_point(dataset: xr.Dataset, key: str, criterion: bool = False) -> str:
 
 def _stem(name: str) -> str:
     """The metric that a column is about: ``delta`` for ``delta_mean`` and ``delta_spread_worst``."""
-    while name not in METRICS and (cut := re.sub(r"_(mean|worst|spread)$", "", name)) != name:
+    while name not in METRICS and (cut := re.sub(r"_(mean|worst|spread|ensemble)$", "", name)) != name:
         name = cut
     return name
 
