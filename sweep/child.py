@@ -95,6 +95,8 @@ def reason(error: BaseException) -> str:
 
 def guarded(evaluate: Callable[[Point], Record], point: Point) -> Record:
     """Evaluate a point; whatever is raised becomes a row."""
+    if point.problem:
+        return failed(point, "IMPOSSIBLE", point.problem)
     try:
         return evaluate(point)
     except MemoryError as error:

@@ -81,6 +81,8 @@ def evaluate_with_series(point: Point, baselines: Sequence[str] | None = None) -
 
 
 def _guarded(point: Point) -> tuple[Record, Response | None]:
+    if point.problem:
+        return _failed(point, "IMPOSSIBLE", point.problem), None
     try:
         return _evaluate(point)
     except CannotRepresent as error:

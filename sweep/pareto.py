@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 from collections.abc import Sequence
 
 import numpy as np
@@ -59,9 +60,35 @@ def costs(dataset: xr.Dataset, objectives: Sequence[str]) -> np.ndarray:
     )
 
 
+def excesses(dataset: xr.Dataset) -> dict[str, np.ndarray]:
+    """Each constraint of the study, as ``stroke <= 0.3``: (n,) by how much it is broken; at most 0 where it is kept.
+
+    With several environments the worst of them counts. NaN where there is no number.
+    """
+    found = {}
+    for name, bound in json.loads(dataset.attrs.get("constraints", "{}")).items():
+        for side, sign in (("min", -1.0), ("max", 1.0)):
+            if bound[side] is not None:
+                values = dataset[name] if name in dataset else xr.full_like(dataset["status"], np.nan, dtype=float)
+                over = sign * (values - bound[side])
+                if "environment" in over.dims:
+                    over = over.max("environment", skipna=False)
+                found[f"{name} {'>=' if side == 'min' else '<='} {bound[side]:g}"] = over.to_numpy()
+    return found
+
+
+def allowed(dataset: xr.Dataset) -> np.ndarray:
+    """(n,) bool: every constraint of the study is kept; one without a number is not."""
+    kept = np.ones(len(trusted(dataset)), dtype=bool)
+    for over in excesses(dataset).values():
+        kept &= over <= 0
+    return kept
+
+
 def eligible(dataset: xr.Dataset, objectives: Sequence[str]) -> np.ndarray:
-    """Indices of points that may be on a front: trusted, every objective finite."""
-    return np.flatnonzero(trusted(dataset) & np.isfinite(costs(dataset, objectives)).all(axis=1))
+    """Indices of points that may be on a front: trusted, every objective finite, no constraint broken."""
+    finite = np.isfinite(costs(dataset, objectives)).all(axis=1)
+    return np.flatnonzero(trusted(dataset) & finite & allowed(dataset))
 
 
 def front(dataset: xr.Dataset, objectives: Sequence[str]) -> np.ndarray:
