@@ -655,9 +655,8 @@ def _check_paths(draft: Draft) -> Sound:
         fits = [claim(path, where, ABSENT if path == key else path) for path in paths]
         if given == []:
             draft.add(where, ABSENT, "needs at least one field")
-        elif good and all(fits):
+        elif good and all(fits) and _can_count(draft, where, variable, paths):
             sound.variables[key] = variable
-            _check_count(draft, where, variable, paths)
         else:
             sound.left_out |= {parse(path) for path, fit in zip(paths, fits, strict=True) if fit}
     names = draft.names
@@ -704,12 +703,17 @@ def _check_paths(draft: Draft) -> Sound:
     return sound
 
 
-def _check_count(draft: Draft, where: str, variable: Variable, paths: Sequence[str]) -> None:
+def _can_count(draft: Draft, where: str, variable: Variable, paths: Sequence[str]) -> bool:
+    """Whether a variable can be the number of devices, if it is to be."""
     devices = lookup(draft.outline, "devices")
-    if COUNT in paths and isinstance(devices, list):
-        numbers = [variable.shown(value) for _, value in variable.tests]
-        if not all(isinstance(n, int | float) and float(n).is_integer() and 0 <= n <= len(devices) for n in numbers):
-            draft.add(where, ABSENT, f"{COUNT} should be a whole number, 0 to {len(devices)}", "write `integer: [lo, hi]`")
+    if COUNT not in paths or not isinstance(devices, list):
+        return True
+    numbers = [variable.setting(value) for _, value in variable.tests] if variable.options is not None else [None]
+    most = len(devices)
+    if all(isinstance(n, int | float) and float(n).is_integer() and 0 <= n <= most for n in numbers):
+        return True
+    draft.add(where, ABSENT, f"{COUNT} should be a whole number, 0 to {most}", "write `integer: [lo, hi]`")
+    return False
 
 
 def _in_a_choice(draft: Draft, path: str) -> bool:
