@@ -23,6 +23,7 @@ from multiprocessing.connection import Connection
 from pathlib import Path
 from typing import Any
 
+from .config import stem
 from .mistakes import ConfigError
 from .point import Order, Point, Record
 from .space import made
@@ -102,6 +103,8 @@ def reason(error: BaseException) -> str:
 
 def guarded(evaluate: Callable[[Point], Record], point: Point) -> Record:
     """Evaluate a point; whatever is raised becomes a row."""
+    if point.problem:
+        return failed(point, "IMPOSSIBLE", point.problem)
     try:
         record = evaluate(point)
         if isinstance(record, Record) and record.message != (message := brief(record.message)):
@@ -115,7 +118,7 @@ def guarded(evaluate: Callable[[Point], Record], point: Point) -> Record:
 
 def numbered(record: Record, objectives: Sequence[str]) -> Record:
     """The record, not trusted any more where it has the study's objectives and none of them is a number."""
-    stems = [name.removesuffix("_mean").removesuffix("_worst") for name in objectives]
+    stems = [stem(name) for name in objectives]
     values = [record.metrics[name] for name in stems if name in record.metrics]
     if record.status == "OK" and values and all(value != value for value in values):
         return replace(record, status="ERROR", message=f"no number came out: {', '.join(stems)} are NaN")

@@ -17,7 +17,7 @@ import numpy as np
 from solvers import QUANTITIES, Ask, CannotRepresent, Response, Scene, Status, solve
 from solvers.model import REMEDY
 
-from .config import MetricSettings
+from .config import MetricSettings, stem
 from .metrics import FINISHED, LEDGER, Summary, compute, metric_names, settling_index, summarise, transverse
 from .point import Point, Record
 from .space import baseline_model, baseline_scene, point_key
@@ -81,6 +81,8 @@ def evaluate_with_series(point: Point, baselines: Sequence[str] | None = None) -
 
 
 def _guarded(point: Point) -> tuple[Record, Response | None]:
+    if point.problem:
+        return _failed(point, "IMPOSSIBLE", point.problem), None
     try:
         return _evaluate(point)
     except CannotRepresent as error:
@@ -236,9 +238,12 @@ def _evaluate(point: Point) -> tuple[Record, Response]:
 def _spreads(
     point: Point, response: Response, base: Summary | None, metrics: dict[str, float]
 ) -> dict[str, float]:
-    """Half the range of each objective over the run and its perturbed, trusted repetitions."""
+    """Half the range of each objective over the run and its perturbed, trusted repetitions, and their mean.
+
+    ``<metric>_ensemble`` is the mean, NaN where no repetition could be trusted: a single run's luck is no mean.
+    """
     settings: MetricSettings = point.settings
-    stems = [name.removesuffix("_mean").removesuffix("_worst") for name in settings.objectives]
+    stems = [stem(name) for name in settings.objectives]
     rows = [metrics]
     for k in range(settings.repeats):
         ask = replace(point.ask, perturbation=settings.perturbation, seed=point.ask.seed + k + 1)
@@ -251,6 +256,7 @@ def _spreads(
         # the settled response does not depend on the start: repeating it says nothing of its spread
         good = response.method != "harmonic" and len(rows) > 1 and bool(np.all(np.isfinite(values)))
         spreads[f"{name}_spread"] = float(np.ptp(values)) / 2 if good else NAN
+        spreads[f"{name}_ensemble"] = float(np.mean(values)) if len(rows) > 1 else NAN
     return spreads
 
 

@@ -9,7 +9,7 @@ import xarray as xr
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
-from .config import find_metric
+from .config import find_metric, stem
 
 DESIGN, BASE, BEST, FAIR = "#0072B2", "#8c8c8c", "#D55E00", "#009E73"  # Okabe and Ito; grey for baselines
 YELLOW, PINK, SKY = "#E69F00", "#CC79A7", "#56B4E9"
@@ -72,11 +72,9 @@ def variable_label(variable: xr.DataArray) -> str:
 
 def symbol(name: str) -> str:
     """A metric as it is written in a figure."""
-    stem, tail = name, ""
-    for suffix in ("_mean", "_worst"):
-        if name.endswith(suffix):
-            stem, tail = name.removesuffix(suffix), f", {suffix[1:]}"
-    return SYMBOLS.get(stem, stem.replace("_", " ")) + tail
+    short = stem(name)
+    tail = "".join(f", {word}" for word in name.removeprefix(short).split("_") if word)
+    return SYMBOLS.get(short, short.replace("_", " ")) + tail
 
 
 ACROSS, UP, WORDS = ("← better", "better →"), ("↓ better", "↑ better"), ("less is better", "more is better")

@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
+import json
 from collections.abc import Sequence
 
 import numpy as np
 import xarray as xr
 from pymoo.util.nds.non_dominated_sorting import NonDominatedSorting
 
-from .config import find_metric
+from .config import find_metric, stem
 
 CRITERION = (
     "smallest Euclidean distance to the ideal point over the trusted front, each objective scaled to [0, 1] "
@@ -30,14 +31,14 @@ def column(dataset: xr.Dataset, name: str) -> xr.DataArray:
     """A metric over points or designs; over several environments its mean, or its ``_worst`` if so named."""
     if name in dataset and "environment" not in dataset[name].dims:
         return dataset[name]
-    stem = name.removesuffix("_mean").removesuffix("_worst")
-    if name == stem and f"{stem}_mean" in dataset:
-        return dataset[f"{stem}_mean"]
-    if stem not in dataset:
+    short = name.removesuffix("_mean").removesuffix("_worst")
+    if name == short and f"{short}_mean" in dataset:
+        return dataset[f"{short}_mean"]
+    if short not in dataset:
         raise ValueError(f"the results hold no metric `{name}`")
-    values = dataset[stem]
+    values = dataset[short]
     if name.endswith("_worst"):
-        worst = values.max if direction(stem) == "min" else values.min
+        worst = values.max if direction(short) == "min" else values.min
         return worst("environment", skipna=False)
     return values.mean("environment", skipna=False)
 
@@ -59,9 +60,35 @@ def costs(dataset: xr.Dataset, objectives: Sequence[str]) -> np.ndarray:
     )
 
 
+def excesses(dataset: xr.Dataset) -> dict[str, np.ndarray]:
+    """Each constraint of the study, as ``stroke <= 0.3``: (n,) by how much it is broken; at most 0 where it is kept.
+
+    With several environments the worst of them counts. NaN where there is no number.
+    """
+    found = {}
+    for name, bound in json.loads(dataset.attrs.get("constraints", "{}")).items():
+        for side, sign in (("min", -1.0), ("max", 1.0)):
+            if bound[side] is not None:
+                values = dataset[name] if name in dataset else xr.full_like(dataset["status"], np.nan, dtype=float)
+                over = sign * (values - bound[side])
+                if "environment" in over.dims:
+                    over = over.max("environment", skipna=False)
+                found[f"{name} {'>=' if side == 'min' else '<='} {bound[side]:g}"] = over.to_numpy()
+    return found
+
+
+def allowed(dataset: xr.Dataset) -> np.ndarray:
+    """(n,) bool: every constraint of the study is kept; one without a number is not."""
+    kept = np.ones(len(trusted(dataset)), dtype=bool)
+    for over in excesses(dataset).values():
+        kept &= over <= 0
+    return kept
+
+
 def eligible(dataset: xr.Dataset, objectives: Sequence[str]) -> np.ndarray:
-    """Indices of points that may be on a front: trusted, every objective finite."""
-    return np.flatnonzero(trusted(dataset) & np.isfinite(costs(dataset, objectives)).all(axis=1))
+    """Indices of points that may be on a front: trusted, every objective finite, no constraint broken."""
+    finite = np.isfinite(costs(dataset, objectives)).all(axis=1)
+    return np.flatnonzero(trusted(dataset) & finite & allowed(dataset))
 
 
 def front(dataset: xr.Dataset, objectives: Sequence[str]) -> np.ndarray:
@@ -91,9 +118,8 @@ def spreads(dataset: xr.Dataset, objectives: Sequence[str]) -> np.ndarray:
     n = len(trusted(dataset))
     found = np.zeros((n, len(objectives)))
     for j, name in enumerate(objectives):
-        stem = name.removesuffix("_mean").removesuffix("_worst")
-        if f"{stem}_spread" in dataset:
-            spread = dataset[f"{stem}_spread"]
+        if f"{stem(name)}_spread" in dataset:
+            spread = dataset[f"{stem(name)}_spread"]
             if "environment" in spread.dims:
                 spread = spread.max("environment", skipna=False)
             found[:, j] = np.nan_to_num(spread.to_numpy().astype(float), nan=np.inf)

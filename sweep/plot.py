@@ -78,7 +78,7 @@ def points_of(dataset: xr.Dataset, objectives: Sequence[str] | None = None) -> P
         {name: pareto.column(dataset, name).values.astype(float) for name in names},
         dict(zip(names, pareto.spreads(dataset, names).T, strict=True)),
         {
-            str(name): coord
+            str(name): _numbered(coord)
             for name, coord in dataset.coords.items()
             if coord.dims == (index,) and name not in ("design", index)
         },
@@ -91,6 +91,15 @@ def points_of(dataset: xr.Dataset, objectives: Sequence[str] | None = None) -> P
         )
         raise ValueError(f"no point has finite {', '.join(names)} ({count})")
     return found
+
+
+def _numbered(variable: xr.DataArray) -> xr.DataArray:
+    """A design variable as it is drawn: words by number, with what they mean in its name."""
+    if variable.dtype.kind in "fiu":
+        return variable
+    words, codes = np.unique(variable.values.astype(str), return_inverse=True)
+    meaning = ", ".join(f"{i} {word}" for i, word in enumerate(words))
+    return xr.DataArray(codes.astype(float), dims=variable.dims, name=f"{variable.name}: {meaning}")
 
 
 def _is_log(values: np.ndarray) -> bool:

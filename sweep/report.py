@@ -19,7 +19,7 @@ from rich.table import Table
 from .config import METRICS, Study, find_metric
 from .distribute import Done
 from .locks import Holder
-from .pareto import column
+from .pareto import allowed, column, excesses, trusted
 from .plan import PilotRun, Plan
 from .store import Journal, outcome
 
@@ -167,8 +167,10 @@ def front_table(
     console: Console,
 ) -> str:
     """The front by its first objective: key, design variables, objectives; the best point is marked."""
+    broken = broken_constraints(dataset)
     if not len(chosen):
-        return "no trusted points, and so no front: `sweep status` says why"
+        why = f"; {broken}" if broken else ""
+        return f"no trusted points that may be on a front, and so no front: `sweep status` says why{why}"
     index = "design" if "environment" in dataset.dims else "point"
     variables = [str(name) for name, c in dataset.coords.items() if c.dims == (index,) and name != "design"]
     columns = {name: column(dataset, name).values for name in objectives}
@@ -176,7 +178,8 @@ def front_table(
     rows = [
         (
             str(keys[i])[:12],
-            *(float(dataset[name].values[i]) for name in variables),
+            *(dataset[name].values[i].item() if dataset[name].dtype.kind == "f" else str(dataset[name].values[i])
+              for name in variables),
             *(float(columns[name][i]) for name in objectives),
             "best" if i == best else "tied" if mark else "",
         )
@@ -185,7 +188,16 @@ def front_table(
     rows.sort(key=lambda row: row[1 + len(variables)])
     units = [f"{name} [{dataset[name].attrs.get('units', '?')}]" for name in variables]
     title = f"front: {len(rows)} of {dataset.sizes[index]} designs"
-    return table(title, ("key", *units, *objectives, ""), rows, console)
+    return table(title, ("key", *units, *objectives, ""), rows, console) + (f"\n{broken}" if broken else "")
+
+
+def broken_constraints(dataset: xr.Dataset) -> str:
+    """How many trusted points break which constraint, and so are on no front; nothing where none does."""
+    good = trusted(dataset)
+    counts = {name: int(np.count_nonzero(good & ~(over <= 0))) for name, over in excesses(dataset).items()}
+    said = ", ".join(f"{name} ({count})" for name, count in counts.items() if count)
+    total = int(np.count_nonzero(good & ~allowed(dataset)))
+    return f"left out: {total} trusted points that break {said}" if said else ""
 
 
 def one_point(dataset: xr.Dataset, key: str, criterion: bool = False) -> str:
@@ -227,7 +239,7 @@ def one_point(dataset: xr.Dataset, key: str, criterion: bool = False) -> str:
 
 def _stem(name: str) -> str:
     """The metric that a column is about: ``delta`` for ``delta_mean`` and ``delta_spread_worst``."""
-    while name not in METRICS and (cut := re.sub(r"_(mean|worst|spread)$", "", name)) != name:
+    while name not in METRICS and (cut := re.sub(r"_(mean|worst|spread|ensemble)$", "", name)) != name:
         name = cut
     return name
 
@@ -259,7 +271,7 @@ def describe(study: Study, plan: Plan, pilots: Sequence[PilotRun]) -> str:
         f"{study.name}: {len(plan.designs)} designs in {len(plan.environments)} environment"
         f"{'s' * (len(plan.environments) > 1)}, {points} points, {int(plan.keys.firsts().sum())} of them distinct",
         f"variables    {', '.join(study.variables) or 'none'}",
-        f"sampler      {study.sampler.kind}, seed {study.sampler.seed}",
+        f"sampler      {study.sampler.kind}, seed {study.sampler.seed}" if study.sampler else "sampler      none",
         f"objectives   {', '.join(study.objectives)}",
         f"baseline     {study.settings.baseline}, {plan.different} different",
         f"time limit   {duration(study.time_limit) if study.time_limit else 'none'} for a point",
