@@ -23,7 +23,7 @@ from multiprocessing.connection import Connection
 from pathlib import Path
 from typing import Any
 
-from .config import stem
+from .config import split_name
 from .mistakes import ConfigError
 from .point import Order, Point, Record
 from .space import made
@@ -118,7 +118,7 @@ def guarded(evaluate: Callable[[Point], Record], point: Point) -> Record:
 
 def numbered(record: Record, objectives: Sequence[str]) -> Record:
     """The record, not trusted any more where it has the study's objectives and none of them is a number."""
-    stems = [stem(name) for name in objectives]
+    stems = [split_name(name)[0] for name in objectives]
     values = [record.metrics[name] for name in stems if name in record.metrics]
     if record.status == "OK" and values and all(value != value for value in values):
         return replace(record, status="ERROR", message=f"no number came out: {', '.join(stems)} are NaN")

@@ -91,10 +91,16 @@ def init(directory: Annotated[Path, typer.Argument(metavar="DIR", help="folder t
 
 
 @app.command()
-def check(study: File, limit: Limit = None) -> None:
+def check(
+    study: File,
+    limit: Limit = None,
+    designs: Annotated[
+        Path | None, typer.Option(metavar="FRONT.nc", help="the designs of this front or results.nc instead")
+    ] = None,
+) -> None:
     """What would run: points, model and method and why, resolution, cost and disk. Runs a few pilots."""
     warm_up()
-    loaded, because = resolve(config.load_study(study))
+    loaded, because = resolve(config.load_study(study, designs))
     plan = planning.make_plan(loaded, limit)
     for label, why in because.items():
         say(f"mesh         {label}: {why}")
@@ -149,6 +155,9 @@ def run(
     ] = None,
     retry: Annotated[list[Retry] | None, typer.Option(help="run these again; may be given twice")] = None,
     force_version: Annotated[bool, typer.Option(help="add to rows of another solver version")] = False,
+    designs: Annotated[
+        Path | None, typer.Option(metavar="FRONT.nc", help="run the designs of this front or results.nc instead")
+    ] = None,
 ) -> None:
     """Run what is missing, on this core or, under `mpirun -n P python -m mpi4py -m sweep run`, on P."""
     ranks = distribute.world()
@@ -164,7 +173,7 @@ def run(
             retry=frozenset(kind.value for kind in retry or ()),
             any_version=force_version,
         )
-        ended = running.run(config.load_study(study), settings, ranks)
+        ended = running.run(config.load_study(study, designs), settings, ranks)
         code = ended.exit_code
         say(report.ending(ended.groups, ended.interrupted, ended.results, out))
     except BAD_INPUT as error:
@@ -367,19 +376,24 @@ def pareto_command(
     significant: Annotated[
         bool, typer.Option(help="one point of each group tied within its error bars")
     ] = False,
+    z: Annotated[
+        float, typer.Option("--z", min=0.0, help="standard deviations of a difference within which points are tied")
+    ] = pareto.Z,
 ) -> None:
     """The front over trusted points: a table, DIR/front.nc, and a figure."""
     dataset = store.open_study(directory)
     objectives = json.loads(dataset.attrs["objectives"])
     chosen = pareto.front(dataset, objectives)
-    tied = ~pareto.significant(dataset, objectives, chosen)
+    tied = ~pareto.significant(dataset, objectives, chosen, z)
+    note = report.ties_note(dataset, objectives, chosen, tied, z)
     if significant:
         chosen, tied = chosen[~tied], tied[~tied]
     say(report.front_table(dataset, objectives, chosen, tied, pareto.best(dataset, objectives), Console()))
     if not chosen.size:
         return
+    say(note)
     dim = "design" if "environment" in dataset.dims else "point"
-    front = dataset.isel({dim: chosen}).assign(tied=(dim, tied))
+    front = dataset.isel({dim: chosen}).assign(tied=(dim, tied, {"long_name": note.replace("\n", "; "), "z": z}))
     path = store.write_whole(directory / "front.nc", lambda place: front.to_netcdf(place, engine="netcdf4"))
     say(f"\nfront   {path}\nfigure  {_plots().save_plot(directory, 'front')}")
 

@@ -6,11 +6,12 @@ ends of every variable's range, or raises :class:`ConfigError` with all the mist
 
 from __future__ import annotations
 
+import itertools
 import math
 import re
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from contextlib import suppress
-from dataclasses import asdict, dataclass, field, fields
+from dataclasses import asdict, dataclass, field, fields, replace
 from itertools import pairwise
 from pathlib import Path
 from typing import Annotated, Any, Literal, NamedTuple
@@ -59,25 +60,36 @@ class Metric(NamedTuple):
 
 METRICS: dict[str, Metric] = {}  # filled by sweep.metrics, which is imported with the package
 
-_SUFFIX = re.compile(r"(_ensemble)?(_(mean|worst)|_spread)?$")
+AGGREGATES = re.compile(r"mean|worst|q\d{1,2}")  # over environments: mean, worst, and quantiles (q10: 10 % lie below)
+_SUFFIX = re.compile(rf"_({AGGREGATES.pattern}|ensemble|spread|sd)$")
 
 
-def stem(name: str) -> str:
-    """The metric that a run gives behind a result's name: ``delta`` for ``delta_ensemble_worst``."""
-    return name if name in METRICS else _SUFFIX.sub("", name, count=1)
+def split_name(name: str) -> tuple[str, tuple[str, ...]]:
+    """A column's metric and what is said of it: ``stroke_2_worst_sd`` is ``stroke_2`` with ``worst``, ``sd``."""
+    said: list[str] = []
+    while name not in METRICS and (match := _SUFFIX.search(name)):
+        name = name[: match.start()]
+        said.insert(0, match[1])
+    return name, tuple(said)
+
+
+def bad_tail(metric: Metric) -> int | None:
+    """The quantile [%] that a metric has over environments by default: its bad tail, q10 where more is better, q90
+    where less is; None where neither is."""
+    return {"max": 10, "min": 90}.get(metric.direction or "")
 
 
 def find_metric(name: str, devices: int | None = None) -> Metric | None:
-    """The metric behind a result's name: ``delta``, ``stroke_2``, ``delta_ensemble_worst``, ``delta_spread``.
+    """The metric behind a result's name: ``delta``, ``stroke_2``, ``gamma_q10``, ``delta_ensemble_worst``.
 
     Parameters
     ----------
     devices : number of devices in the scene; without it any device number is accepted
     """
-    short = stem(name)
-    if short in METRICS:
-        return METRICS[short]
-    match = re.fullmatch(r"(\w+?)_([1-9]\d*)", short)
+    stem = split_name(name)[0]
+    if stem in METRICS:
+        return METRICS[stem]
+    match = re.fullmatch(r"(\w+?)_([1-9]\d*)", stem)
     if match is None or match[1] not in METRICS or not METRICS[match[1]].per_device:
         return None
     return METRICS[match[1]] if devices is None or int(match[2]) <= devices else None
@@ -102,10 +114,57 @@ DESIGN_QUANTITIES: dict[str, Quantity] = {
 
 @record
 class Environment:
-    """A named patch on the scene: the sea, the fouling or the excitation that each design meets."""
+    """A named patch on the scene: the sea, the fouling or the excitation that each design meets.
+
+    An entry of a study may stand for several: ``seeds`` draws the scene's stochastic motions anew for each, ``grid``
+    takes all combinations of the values of some fields, and both go together. See :func:`spread_out`.
+    """
 
     name: str
     set: dict[str, Any] = Field(default_factory=dict)  # path of a field of the scene, or of the ask as ask.x: value
+    grid: dict[str, Annotated[tuple[Any, ...], Field(min_length=1)]] = Field(default_factory=dict)  # path: values
+    seeds: Count | Annotated[tuple[Whole, ...], Field(min_length=1)] | None = None  # 4 is [1, 2, 3, 4]
+
+
+class Patch(NamedTuple):
+    """What an environment sets, under examination."""
+
+    entry: int  # in the study's list
+    name: str
+    set: dict[str, Any]
+    places: dict[str, str]  # by field path: where the study says it
+
+
+def spread_out(entry: Environment, seeds: Sequence[str]) -> list[Environment]:
+    """The environments that an entry stands for: its grid's combinations, the last field fastest, each with every seed.
+
+    Parameters
+    ----------
+    seeds : field paths of the seeds of the scene's stochastic motions
+    """
+    leaves = [re.sub(r"(\[\d+\])+$", "", path).rpartition(".")[2] for path in entry.grid]
+    labels = [leaf if leaves.count(leaf) == 1 else path for leaf, path in zip(leaves, entry.grid, strict=True)]
+    drawn = range(1, entry.seeds + 1) if isinstance(entry.seeds, int) else entry.seeds
+    found = []
+    for values in itertools.product(*entry.grid.values()):
+        words = [f"{label} {value:g}" if isinstance(value, float) else f"{label} {value}"
+                 for label, value in zip(labels, values, strict=True)]  # fmt: skip
+        wanted = entry.set | dict(zip(entry.grid, values, strict=True))
+        for seed in (None,) if drawn is None else drawn:
+            more = {} if seed is None else dict.fromkeys(seeds, seed)
+            name = " ".join([entry.name, *words, *([] if seed is None else [f"seed {seed}"])])
+            found.append(Environment(name=name, set=wanted | more))
+    return found
+
+
+def _seed_paths(tree: Any) -> list[str]:
+    """Field paths of the seeds of a dumped scene's stochastic motions."""
+    found = []
+    for end in ("end_a", "end_b"):
+        motion = tree.get(end, {}).get("motion") if isinstance(tree, dict) and isinstance(tree.get(end), dict) else None
+        if isinstance(motion, dict) and isinstance(motion.get("stochastic"), dict):
+            found.append(f"{end}.motion.stochastic.seed")
+    return found
 
 
 _RANGES = ("log", "linear", "values", "integer", "choices")
@@ -193,6 +252,21 @@ class Variable:
         """A design's number as results have it: the name of a choice."""
         return value if self.labels is None or isinstance(value, str) else self.labels[int(value)]
 
+    def number(self, value: float | str) -> float:
+        """The reverse of :meth:`shown`."""
+        return float(value if self.labels is None else self.labels.index(value))
+
+    def holds(self, value: float | str) -> bool:
+        """Whether a value is in the range or on the list."""
+        if self.labels is not None:
+            return value in self.labels
+        if isinstance(value, str):
+            return False
+        if self.values is not None:
+            return value in self.values
+        lo, hi = self.log or self.linear or self.integer or (0.0, 0.0)
+        return lo <= value <= hi and (self.integer is None or float(value).is_integer())
+
     @property
     def tests(self) -> tuple[tuple[str, float], ...]:
         """Numbers to try on the scene, each with where it stands: the ends of the range, or all the values."""
@@ -206,17 +280,24 @@ class Variable:
 
 @record
 class Sampler:
-    """How designs are drawn. ``random`` and ``sobol`` designs do not change when ``n`` grows."""
+    """How designs are drawn. ``random`` and ``sobol`` designs do not change when ``n`` grows; ``given`` ones are those
+    of another study's front (``file``, whose values are kept in the study), or listed."""
 
-    kind: Literal["grid", "random", "lhs", "sobol"] = "sobol"
+    kind: Literal["grid", "random", "lhs", "sobol", "given"] = "sobol"
     n: Count | None = None  # designs; for a grid, levels of each axis
     seed: Whole = 0
     levels: dict[str, Count] = Field(default_factory=dict)  # grid: levels of single axes
+    file: str | None = None  # given: a front.nc or results.nc, relative to the study's folder
+    values: dict[str, tuple[Number | str, ...]] = Field(default_factory=dict)  # given: of each variable, by design
 
     @model_validator(mode="after")
     def _countable(self) -> Sampler:
-        if self.kind != "grid" and self.n is None:
+        if self.kind not in ("grid", "given") and self.n is None:
             raise ValueError(f"`n` is required with `kind: {self.kind}`")
+        if self.kind == "given" and self.n is not None:
+            raise ValueError("`n` has no say over given designs: leave it out, and use --limit for the first ones")
+        if self.kind != "given" and (self.values or self.file):
+            raise ValueError("`values` and `file` belong to `kind: given`")
         if self.kind != "grid" and self.levels:
             raise ValueError("`levels` belongs to `kind: grid`")
         return self
@@ -274,6 +355,26 @@ class MetricSettings(MetricsSection):
     repeats: Whole = 0  # perturbed repetitions behind each `_spread` and `_ensemble`
     perturbation: NonNegative = 1e-9  # of their initial velocities [m/s]
     objectives: tuple[str, ...] = ()  # metrics that get a `_spread` and an `_ensemble`
+    uncertainty: Uncertainty | None = None  # whether and how every metric gets its `_sd`
+
+    @property
+    def single(self) -> MetricSettings:
+        """The same without any repetition: one run."""
+        return replace(self, repeats=0, objectives=(), uncertainty=None)
+
+
+@record
+class Uncertainty:
+    """Asks for the standard uncertainty of every metric, ``<metric>_sd``, and for the metric ``chaos``.
+
+    Sensitivity: ``runs`` more runs with start velocities of ``perturbation``, every second one with a slightly
+    tighter tolerance (or shorter step) as well. Numerical: a run at a tenth of the tolerance (or half the step), and
+    one on a mesh ``refine`` times as fine. See ``sweep.uncertainty`` for how they are combined.
+    """
+
+    runs: Annotated[int, BeforeValidator(_no_bool), Field(ge=2)] = 4
+    perturbation: Positive = 1e-9  # standard deviation of start velocities [m/s]
+    refine: Annotated[float, BeforeValidator(_no_bool), Field(gt=1, le=4, allow_inf_nan=False)] = 1.5
 
 
 @record
@@ -329,6 +430,7 @@ class StudyFile:
     constraints: dict[str, Bound] = Field(default_factory=dict)  # metric, or quantity of the design: its bounds
     optimise: OptimiseSection | None = None
     repeats: Repeats = Field(default_factory=Repeats)
+    uncertainty: Uncertainty | None = None
     time_limit: Positive | None = 600.0  # of one point [s], past it the row says TIMEOUT; null sets none
     memory_limit: Positive | None = None  # of one point's process [MB], past it the row says MEMORY; null: its share
 
@@ -424,12 +526,19 @@ def parse_yaml(text: str, source: str) -> tuple[Any, list[Mistake]]:
     return content, twice
 
 
-def load_study(path: str | Path) -> Study:
-    """Read, check and return a study; ConfigError lists every mistake in it."""
+def load_study(path: str | Path, designs: str | Path | None = None) -> Study:
+    """Read, check and return a study; ConfigError lists every mistake in it.
+
+    Parameters
+    ----------
+    designs : a front.nc or results.nc, whose designs are taken instead of the sampler's
+    """
     path = Path(path)
     raw, mistakes = read_yaml(path)
     if raw is ABSENT:
         raise ConfigError(mistakes, str(path))
+    if designs is not None and isinstance(raw, dict):
+        raw = raw | {"sampler": {"kind": "given", "file": str(Path(designs).absolute())}}
     return parse_study(raw, folder=path.parent, source=str(path), mistakes=mistakes)
 
 
@@ -491,6 +600,42 @@ def _expand(raw: Any, folder: Path, mistakes: list[Mistake], depth: int = 0) -> 
     return ABSENT if base is ABSENT else deep_merge(base, changes)
 
 
+def _read_designs(raw: Any, folder: Path, mistakes: list[Mistake]) -> Any:
+    """A sampler whose `file` has been read into `values`: the study then stands by itself."""
+    if not isinstance(raw, dict) or raw.get("kind") != "given" or not isinstance(raw.get("file"), str):
+        return raw
+    path = folder / raw["file"]
+    try:
+        values = designs_in(path)
+    except FieldError as error:
+        mistakes.append(Mistake("sampler.file", raw["file"], error.problem, error.remedy))
+        return ABSENT
+    return {key: value for key, value in raw.items() if key != "file"} | {"values": values}
+
+
+def designs_in(path: str | Path) -> dict[str, list[float | str]]:
+    """Design variables of a front.nc or results.nc, design by design; FieldError where there are none."""
+    import xarray as xr  # a third of a second, for this alone
+
+    path = Path(path)
+    if not path.is_file():
+        there = sorted(one.name for one in path.parent.glob("*.nc")) if path.parent.is_dir() else []
+        raise FieldError("there is no such file", nearest(path.name, there) or "`sweep pareto DIR` writes DIR/front.nc")
+    try:
+        with xr.open_dataset(path, engine="netcdf4") as dataset:
+            index = "design" if "environment" in dataset.dims else "point"
+            columns = {
+                str(name): [value if isinstance(value, str) else float(value) for value in column.values.tolist()]
+                for name, column in dataset.coords.items()
+                if column.dims == (index,) and name not in ("design", "point")
+            }
+    except (OSError, ValueError, TypeError):
+        raise FieldError("is not a file of results", "give a front.nc or a results.nc") from None
+    if not columns or not all(columns.values()):
+        raise FieldError("holds no designs: it has no design variables, or no points")
+    return columns
+
+
 def parse_study(
     raw: Any, folder: str | Path = ".", source: str = "the study", mistakes: Iterable[Mistake] = ()
 ) -> Study:
@@ -520,6 +665,8 @@ def parse_study(
             found.append(Mistake(key, ABSENT, "is required"))
     if "scene" in given:
         given["scene"] = _expand(given["scene"], Path(folder), found)
+    if "sampler" in given:
+        given["sampler"] = _read_designs(given["sampler"], Path(folder), found)
     draft = Draft(found)
     for key in _KEYS:
         if key in unclear or given.get(key) is ABSENT:
@@ -538,19 +685,25 @@ def parse_study(
     repeats = parts.get("repeats", Repeats())
     metrics = parts.get("metrics", MetricsSection())
     constraints = parts.get("constraints", {})
-    repeated = dict.fromkeys([*objectives, *(name for name in constraints if name != stem(name))])
+    repeated = dict.fromkeys([*objectives, *(name for name in constraints if name != split_name(name)[0])])
     settings = MetricSettings(
         **asdict(metrics),
         repeats=repeats.n,
         perturbation=repeats.perturbation,
         objectives=tuple(repeated) if repeats.n else (),
+        uncertainty=parts.get("uncertainty"),
     )
+    entries = parts.get("environments") or (Environment(name="default"),)
+    seeds = _seed_paths(draft.scene.tree)
+    environments = tuple(one for entry in entries for one in spread_out(entry, seeds))
+    if environments != entries:  # what is kept says it all
+        given["environments"] = [{"name": one.name, "set": plain(one.set)} for one in environments]
     name = parts.get("name") or Path(source).stem
     return Study(
         name=name,
         description=parts.get("description", ""),
         scene=parts["scene"],
-        environments=parts.get("environments") or (Environment(name="default"),),
+        environments=environments,
         variables=parts.get("variables", {}),
         tied={path: Expression(str(text)) for path, text in parts.get("tied", {}).items()},
         sampler=parts.get("sampler") or (None if parts.get("optimise") else Sampler(n=1)),
@@ -608,7 +761,7 @@ class Sound:
 
     variables: dict[str, Variable] = field(default_factory=dict)
     tied: dict[str, Expression] = field(default_factory=dict)
-    patches: dict[int, dict[str, Any]] = field(default_factory=dict)  # by environment
+    patches: list[Patch] = field(default_factory=list)  # one for each environment, seeds apart
     left_out: set[Place] = field(default_factory=set)  # fields of the scene that the others would set
 
 
@@ -679,27 +832,7 @@ def _check_paths(draft: Draft) -> Sound:
                     sound.tied[path] = expression
         if all(fits) and path not in sound.tied:
             sound.left_out.add(parse(path))
-    design_paths = set(owners)
-    seen: set[str] = set()
-    for i, environment in enumerate(draft.get("environments", ())):
-        if draft.sure("environments", i, "name"):
-            if environment.name in seen:
-                draft.add(
-                    f"environments[{i}].name", environment.name, "is used twice", "give each its own name"
-                )
-            seen.add(environment.name)
-        sound.patches[i] = {}
-        for path, value in environment.set.items():
-            where = f"environments[{i}].set.{path}"
-            if path in design_paths:
-                draft.add(where, value, f"is already set by {owners[path]}")
-                continue
-            try:
-                lookup(draft.outline, path)
-            except FieldError as error:
-                draft.add(where, value, error.problem, error.remedy)
-            else:
-                sound.patches[i][path] = value
+    _check_environments(draft, sound, dict(owners))
     return sound
 
 
@@ -718,7 +851,10 @@ def _can_count(draft: Draft, where: str, variable: Variable, paths: Sequence[str
 
 def _in_a_choice(draft: Draft, path: str) -> bool:
     """Whether a path leads into a part that one of the variables' choices brings."""
-    parts = parse(path)
+    try:
+        parts = parse(path)
+    except FieldError:
+        return False
     for key, variable in draft.get("variables", {}).items():
         choices = variable.choices.values() if isinstance(variable.choices, dict) else ()
         for outer in variable.paths(key):
@@ -733,8 +869,52 @@ def _in_a_choice(draft: Draft, path: str) -> bool:
     return False
 
 
+def _check_environments(draft: Draft, sound: Sound, owners: Mapping[str, str]) -> None:
+    """That environments set fields which exist and which no design variable has, and have names of their own."""
+    seen: set[str] = set()
+    seeds = _seed_paths(draft.scene.tree)
+    for i, environment in enumerate(draft.get("environments", ())):
+        taken = dict(owners)
+        for part, given in (("set", environment.set), ("grid", environment.grid)):
+            for path, value in given.items():
+                where, value = f"environments[{i}].{part}.{path}", list(value) if part == "grid" else value
+                if path in taken:
+                    draft.add(where, value, f"is already set by {taken[path]}")
+                    continue
+                try:
+                    lookup(draft.outline, path)
+                except FieldError as error:
+                    draft.add(where, value, error.problem, error.remedy)
+                else:
+                    taken[path] = where
+        if environment.seeds is not None and draft.sure("environments", i, "seeds"):
+            where, written = f"environments[{i}].seeds", environment.seeds
+            written = list(written) if isinstance(written, tuple) else written
+            if isinstance(draft.scene.tree, dict) and not seeds and not draft.scene.holes:
+                remedy = "give an end's `motion` a `stochastic` part, or leave `seeds` out"
+                draft.add(where, written, "draws stochastic motions, of which the scene has none", remedy)
+            for path in [path for path in seeds if path in taken]:
+                draft.add(where, written, f"`{path}` is already set by {taken[path]}", "leave one of them out")
+        sure_of = {f"environments[{i}].{part}.{path}" for part in ("set", "grid")
+                   for path in getattr(environment, part) if draft.sure("environments", i, part, path)}  # fmt: skip
+        good = [path for path, where in taken.items() if where in sure_of]
+        sure = draft.sure("environments", i, "name") and draft.sure("environments", i, "grid")
+        for spread in spread_out(environment, seeds):
+            if sure and draft.sure("environments", i, "seeds"):
+                if spread.name in seen:
+                    draft.add(f"environments[{i}].name", spread.name, "is used twice", "give each its own name")
+                seen.add(spread.name)
+            wanted = {path: value for path, value in spread.set.items() if path in good}
+            if wanted not in [patch.set for patch in sound.patches if patch.entry == i]:
+                places = {path: taken[path] for path in wanted}
+                sound.patches.append(Patch(i, spread.name, wanted, places))
+
+
 def _check_sampler(draft: Draft) -> None:
     sampler, names = draft.get("sampler"), draft.names
+    if sampler is not None and sampler.kind == "given":
+        _check_given(draft, sampler)
+        return
     if sampler is None:
         if names and not draft.readings.keys() & {"sampler", "optimise"}:
             draft.add(
@@ -748,6 +928,33 @@ def _check_sampler(draft: Draft) -> None:
         for key, variable in draft.get("variables", {}).items():
             if variable.options is None and key not in sampler.levels:
                 draft.add("sampler", ABSENT, f"a grid needs `n`, or `levels` for `{key}`", "e.g. n: 5")
+
+
+def _check_given(draft: Draft, sampler: Sampler) -> None:
+    """That given designs name the study's variables, all of them, once each, and keep to their ranges."""
+    if not draft.sure("sampler", "values") or draft.names is None:
+        return
+    names, variables = draft.names, draft.get("variables", {})
+    if not sampler.values:
+        draft.add("sampler", ABSENT, "given designs need `file` or `values`", "e.g. {kind: given, file: out/front.nc}")
+        return
+    for key in [key for key in sampler.values if key not in names]:
+        draft.add(f"sampler.values.{key}", ABSENT, "the study has no such variable", nearest(key, names))
+    for key in [key for key in names if key not in sampler.values]:
+        draft.add("sampler.values", ABSENT, f"the given designs have no `{key}`", nearest(key, sampler.values))
+    lengths = {key: len(column) for key, column in sampler.values.items()}
+    if len(set(lengths.values())) > 1 or not all(lengths.values()):
+        text = ", ".join(f"{key}: {n}" for key, n in lengths.items())
+        draft.add("sampler.values", ABSENT, f"should have a value of each variable for each design, not {text}")
+    for key, variable in variables.items():
+        if not draft.sure("variables", key):
+            continue
+        for i, value in enumerate(sampler.values.get(key, ())):
+            if not variable.holds(value):
+                place, ends = f"sampler.values.{key}[{i}]", variable.log or variable.linear
+                listed = [str(v) for v in variable.labels or variable.options or ()]
+                allowed = f"{ends[0]:g} to {ends[1]:g}" if ends else ", ".join(listed)
+                draft.add(place, value, f"is outside the variable's range, {allowed}", f"widen variables.{key}")
 
 
 def _check_ask(draft: Draft) -> None:
@@ -785,7 +992,7 @@ def _check_rods(draft: Draft, sound: Sound) -> None:
     """What only lines of the rod family read, against the model; a model that varies is not known here."""
     ask = draft.get("ask")
     varied = {path for key, variable in sound.variables.items() for path in variable.paths(key)}
-    varied |= {path for patch in sound.patches.values() for path in patch} | sound.tied.keys()
+    varied |= {path for patch in sound.patches for path in patch.set} | sound.tied.keys()
     if ask is None or not draft.sure("ask", "model") or "ask.model" in varied:
         return
     if draft.sure("ask", "rods") and ask.rods is not None and ask.model != "hybrid":
@@ -828,22 +1035,30 @@ def _check_objectives(draft: Draft) -> None:
         return
     devices = lookup(draft.scene.outline, "devices")
     count = len(devices) if isinstance(devices, list) else None
-    aggregated = len(draft.get("environments", ())) > 1 or not draft.sure("environments")
+    environments = draft.get("environments", ())
+    several = sum(len(spread_out(entry, ["seed"])) for entry in environments) > 1
+    aggregated = several or not draft.sure("environments")
     good = [name for name, metric in METRICS.items() if metric.direction]
     for i, name in enumerate(objectives):
         if not draft.sure("objectives", i):
             continue
         where = f"objectives[{i}]"
         metric = find_metric(name, count)
-        if metric is None or name.endswith("_spread"):
+        said = split_name(name)[1]
+        if metric is None or len(said) > 1 or {"spread", "sd"} & set(said):
             draft.add(where, name, "unknown metric", nearest(name, good))
         elif metric.direction is None:
             problem = "neither more nor less of it is better, so it cannot be an objective"
             draft.add(where, name, problem, f"allowed: {', '.join(good)}")
-        elif name not in METRICS and name.endswith(("_mean", "_worst")) and not aggregated:
+        elif said and not aggregated:
             draft.add(where, name, "aggregates need at least two `environments`")
         elif "_ensemble" in name and draft.sure("repeats") and not (repeats and repeats.n):
             draft.add(where, name, "is a mean over perturbed runs", "write e.g. `repeats: {n: 4}`")
+        elif said and said[0][0] == "q" and (int(said[0][1:]) > 50) != (metric.direction == "min"):
+            problem = f"is the good tail: of this metric {'less' if metric.direction == 'min' else 'more'} is better"
+            draft.add(where, name, problem, f"write {name.removesuffix(said[0])}q{100 - int(said[0][1:]):02d}")
+        elif metric.name == "chaos" and draft.sure("uncertainty") and draft.get("uncertainty") is None:
+            draft.add(where, name, "is known only from an `uncertainty` section", "e.g. uncertainty: {runs: 4}")
         if name in objectives[:i]:
             draft.add(where, name, "is given twice")
     if not objectives:
@@ -971,15 +1186,21 @@ def _check_extremes(draft: Draft, sound: Sound) -> None:
                 blamed.update(wrong if mine else ())
     for problem in [problem for problem in usual if problem not in blamed]:
         say("variables", ABSENT, usual[problem]._replace(path=f"mid-range, {usual[problem].path}"))
-    for i, patch in sound.patches.items():
-        for problem, mistake in design(middle, patch).items():
+    told: set[tuple[str, Any, str]] = set()  # a value of a grid is tried with each of the other fields' values
+    for patch in sound.patches:
+        for problem, mistake in design(middle, patch.set).items():
             if problem in usual:
                 continue
-            if mistake.path in patch:
-                at = f"environments[{i}].set.{mistake.path}"
-                draft.add(at, patch[mistake.path], mistake.problem, mistake.remedy)
+            at = patch.places.get(mistake.path, "")
+            words = (at or f"environments[{patch.entry}]", repr(patch.set.get(mistake.path)), mistake.problem)
+            if words in told:
+                continue
+            told.add(words)
+            if at:
+                draft.add(at, patch.set[mistake.path], mistake.problem, mistake.remedy)
             else:
-                say(f"environments[{i}].set", ABSENT, mistake)
+                kind = "set" if all(".set." in place for place in patch.places.values()) else "grid"
+                say(f"environments[{patch.entry}].{kind}", ABSENT, mistake)
 
 
 def _check_periodic(draft: Draft, sound: Sound) -> None:
@@ -990,10 +1211,10 @@ def _check_periodic(draft: Draft, sound: Sound) -> None:
     harmonics = ask.harmonics if draft.sure("ask", "harmonics") else None
     middle = {key: variable.at(0.5) for key, variable in sound.variables.items()}
     reasons: dict[str, list[str]] = {}  # environments by reason
-    for i, patch in (sound.patches or {-1: {}}).items():
+    for patch in sound.patches or [Patch(-1, "", {}, {})]:
         tree = plain(draft.scene.tree)
         try:
-            wanted = dict(patch)
+            wanted = dict(patch.set)
             for key, variable in sound.variables.items():
                 wanted.update(dict.fromkeys(variable.paths(key), variable.setting(middle[key])))
             numbers = {key: sound.variables[key].shown(value) for key, value in middle.items()}
@@ -1003,7 +1224,7 @@ def _check_periodic(draft: Draft, sound: Sound) -> None:
         except (FieldError, ValidationError, KeyError, IndexError, TypeError):
             continue  # a mistake that is reported elsewhere
         if reason:
-            reasons.setdefault(reason, []).append("" if i < 0 else str(draft.get("environments")[i].name))
+            reasons.setdefault(reason, []).append(patch.name)
     for reason, names in reasons.items():
         where = f"in {', '.join(names)}: " if names != [""] and len(names) < len(sound.patches) else ""
         remedy = "use `method: explicit`, or `auto`, or a scene with a settled periodic response"

@@ -9,7 +9,7 @@ import xarray as xr
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
-from .config import find_metric, stem
+from .config import find_metric, split_name
 
 DESIGN, BASE, BEST, FAIR = "#0072B2", "#8c8c8c", "#D55E00", "#009E73"  # Okabe and Ito; grey for baselines
 YELLOW, PINK, SKY = "#E69F00", "#CC79A7", "#56B4E9"
@@ -72,9 +72,8 @@ def variable_label(variable: xr.DataArray) -> str:
 
 def symbol(name: str) -> str:
     """A metric as it is written in a figure."""
-    short = stem(name)
-    tail = "".join(f", {word}" for word in name.removeprefix(short).split("_") if word)
-    return SYMBOLS.get(short, short.replace("_", " ")) + tail
+    stem, said = split_name(name)
+    return ", ".join([SYMBOLS.get(stem, stem.replace("_", " ")), *said])
 
 
 ACROSS, UP, WORDS = ("← better", "better →"), ("↓ better", "↑ better"), ("less is better", "more is better")

@@ -627,6 +627,17 @@ def _gap(s: np.ndarray, ours: np.ndarray, at: np.ndarray, theirs: np.ndarray) ->
     return _ratio(float(np.abs(ours - np.interp(s, at, theirs)).max()), float(np.abs(theirs).max()))
 
 
+@metric("1/s", "min", "growth rate of the difference to twins that start a billionth apart, until it is as large as a "
+        "tenth of the motion or the run ends: above 0 it is chaotic; known with `uncertainty` alone")  # fmt: skip
+def chaos(run: Summary, base: Summary) -> float:
+    return NAN
+
+
+@metric("1", None, "share of the twins whose difference grew to a tenth of the motion; known with `uncertainty` alone")
+def chaos_saturated(run: Summary, base: Summary) -> float:
+    return NAN
+
+
 # --------------------------------------------------------------------------- all of them
 
 

@@ -27,7 +27,7 @@ from .config import ConfigError, Study
 from .evaluate import run_trusted
 from .mistakes import ABSENT, Mistake
 from .point import Order, Point
-from .space import baseline_model, baseline_scene, extremes, made, make_point, point_key, unit_samples
+from .space import baseline_model, baseline_scene, design_values, extremes, made, make_point, point_key
 
 FORMAT = 2
 READ_ATTEMPTS = 5  # of a plan that another node is replacing; network file systems close the old one
@@ -210,7 +210,7 @@ class Orders:
 
 def make_plan(study: Study, limit: int | None = None) -> Plan:
     """The plan of a study; ``limit`` takes its first designs. The same study gives the same plan."""
-    chosen = Designs(tuple(study.variables), _design_array(study, limit))
+    chosen = Designs(tuple(study.variables), design_values(study, limit))
     name = study.settings.baseline
     numbers, bases = array("Q"), array("Q")
     for i, values in enumerate(chosen):
@@ -233,15 +233,6 @@ def make_plan(study: Study, limit: int | None = None) -> Plan:
         different=len(found),
         costs=np.ones(len(numbers), dtype=np.float32),
     )
-
-
-def _design_array(study: Study, limit: int | None) -> np.ndarray:
-    """(n_design, n_variable) values of the design variables."""
-    samples = unit_samples(study)[:limit]
-    values = np.empty(samples.shape)
-    for j, variable in enumerate(study.variables.values()):
-        values[:, j] = [variable.at(float(u)) for u in samples[:, j]]
-    return values
 
 
 # --------------------------------------------------------------------------- on disk

@@ -50,7 +50,7 @@ class Points(NamedTuple):
 
     kinds: np.ndarray  # trusted, untrusted, failed, missing
     values: dict[str, np.ndarray]  # objectives
-    spreads: dict[str, np.ndarray]  # of the objectives over perturbed runs; 0 where there are none
+    spreads: dict[str, np.ndarray]  # error bars of the objectives; 0, inf or NaN where there are none
     variables: dict[str, xr.DataArray]
     front: np.ndarray  # indices
     best: int | None
@@ -76,7 +76,7 @@ def points_of(dataset: xr.Dataset, objectives: Sequence[str] | None = None) -> P
     found = Points(
         kinds,
         {name: pareto.column(dataset, name).values.astype(float) for name in names},
-        dict(zip(names, pareto.spreads(dataset, names).T, strict=True)),
+        dict(zip(names, _bars(dataset, names).T, strict=True)),
         {
             str(name): _numbered(coord)
             for name, coord in dataset.coords.items()
@@ -100,6 +100,10 @@ def _numbered(variable: xr.DataArray) -> xr.DataArray:
     words, codes = np.unique(variable.values.astype(str), return_inverse=True)
     meaning = ", ".join(f"{i} {word}" for i, word in enumerate(words))
     return xr.DataArray(codes.astype(float), dims=variable.dims, name=f"{variable.name}: {meaning}")
+def _bars(dataset: xr.Dataset, names: Sequence[str]) -> np.ndarray:
+    """(n, n_objective) error bars: standard uncertainties, or else half ranges over repeats; 0 or inf without one."""
+    kinds = np.array(pareto.barred(dataset, names)) == "sd"
+    return np.where(kinds, pareto.deviations(dataset, names), pareto.spreads(dataset, names))
 
 
 def _is_log(values: np.ndarray) -> bool:
@@ -150,9 +154,10 @@ def _scatter(ax: Any, points: Points, columns: list[np.ndarray], colour: np.ndar
 
 
 def _error_bars(ax: Axes, points: Points, a: str, b: str) -> None:
-    """Spreads over perturbed runs of the front's points, where the study has them."""
+    """Standard uncertainties, or spreads over perturbed runs, of the front's points, where the study has them."""
     for i in points.front:
-        x, y, dx, dy = points.values[a][i], points.values[b][i], points.spreads[a][i], points.spreads[b][i]
+        x, y = points.values[a][i], points.values[b][i]
+        dx, dy = (bar if math.isfinite(bar) else 0.0 for bar in (points.spreads[a][i], points.spreads[b][i]))
         if dx > 0 or dy > 0:
             ax.errorbar(x, y, xerr=dx, yerr=dy, color="0.4", linewidth=0.9, capsize=2.5, zorder=1.5)
 

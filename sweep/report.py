@@ -16,10 +16,10 @@ import xarray as xr
 from rich.console import Console
 from rich.table import Table
 
-from .config import METRICS, Study, find_metric
+from .config import Study, find_metric, split_name
 from .distribute import Done
 from .locks import Holder
-from .pareto import allowed, column, excesses, trusted
+from .pareto import allowed, barred, column, deviations, excesses, trusted
 from .plan import PilotRun, Plan
 from .store import Journal, outcome
 
@@ -175,17 +175,21 @@ def front_table(
     variables = [str(name) for name, c in dataset.coords.items() if c.dims == (index,) and name != "design"]
     columns = {name: column(dataset, name).values for name in objectives}
     keys = dataset["key"].values.reshape(dataset.sizes[index], -1)[:, 0]
+    bars = deviations(dataset, objectives)
+    first = columns[objectives[0]]
     rows = [
         (
             str(keys[i])[:12],
             *(dataset[name].values[i].item() if dataset[name].dtype.kind == "f" else str(dataset[name].values[i])
               for name in variables),
-            *(float(columns[name][i]) for name in objectives),
+            *(
+                _with_bar(float(columns[name][i]), float(bars[i, j]), kind)
+                for j, (name, kind) in enumerate(zip(objectives, barred(dataset, objectives), strict=True))
+            ),
             "best" if i == best else "tied" if mark else "",
         )
-        for i, mark in zip(chosen, tied, strict=True)
+        for i, mark in sorted(zip(chosen, tied, strict=True), key=lambda pair: float(first[pair[0]]))
     ]
-    rows.sort(key=lambda row: row[1 + len(variables)])
     units = [f"{name} [{dataset[name].attrs.get('units', '?')}]" for name in variables]
     title = f"front: {len(rows)} of {dataset.sizes[index]} designs"
     return table(title, ("key", *units, *objectives, ""), rows, console) + (f"\n{broken}" if broken else "")
@@ -198,6 +202,34 @@ def broken_constraints(dataset: xr.Dataset) -> str:
     said = ", ".join(f"{name} ({count})" for name, count in counts.items() if count)
     total = int(np.count_nonzero(good & ~allowed(dataset)))
     return f"left out: {total} trusted points that break {said}" if said else ""
+
+
+def _with_bar(value: float, sd: float, kind: str) -> str:
+    """A value with its standard uncertainty, or a question mark where that is not known."""
+    return number(value) + ("" if kind != "sd" else f" ± {sd:.2g}" if sd == sd else " ± ?")
+
+
+def ties_note(
+    dataset: xr.Dataset, objectives: Sequence[str], chosen: np.ndarray, tied: np.ndarray, z: float
+) -> str:
+    """What the error bars of a front are, which are not known, and how many points they tie."""
+    kinds = dict(zip(objectives, barred(dataset, objectives), strict=True))
+    bars = dict(zip(objectives, deviations(dataset, objectives)[chosen].T, strict=True))
+    lines = []
+    for kind, words in (
+        ("sd", f"standard uncertainty of {{}}: points closer than {z:g} sd of their difference are tied"),
+        ("spread", "half range of {} over repeats: points closer than the sum of theirs are tied"),
+        ("", "no error bars of {}: there it is not known whether points differ; `uncertainty` asks for them"),
+    ):
+        names = [name for name, found in kinds.items() if found == kind]
+        lines += [words.format(", ".join(names))] if names else []
+    for name, found in bars.items():
+        lost = int(np.isnan(found).sum())
+        if kinds[name] == "sd" and lost:
+            lines.append(f"uncertainty of {name} unknown at {lost} of {len(found)} points: these tie there with any")
+    if any(kinds.values()):
+        lines.append(f"{int(np.sum(tied))} of {len(tied)} points of the front are tied with a better one")
+    return "\n".join(lines)
 
 
 def one_point(dataset: xr.Dataset, key: str, criterion: bool = False) -> str:
@@ -217,13 +249,20 @@ def one_point(dataset: xr.Dataset, key: str, criterion: bool = False) -> str:
         if value != "" and not (name == "point" and index == "point"):
             text = f"{name:<20} {number(value)}{_unit(about):<10}".rstrip()
             lines.append(f"{text:<44}  {about.get('long_name', '')}".rstrip())
-    aggregates = [kind for kind in ("mean", "worst") if any(f"{n}_{kind}" in point for n in metrics)]
+    aggregates = [kind for kind in ("mean", "worst", "q10", "q90") if any(f"{n}_{kind}" in point for n in metrics)]
+    tails = [kind for kind in aggregates if kind[0] == "q"]  # one column for both: each metric has one bad tail
+    heads = [kind for kind in aggregates if kind[0] != "q"] + (["bad tail"] if tails else [])
     rows = []
     for name in metrics:
         spread = f" ± {number(point[f'{name}_spread'].item())}" if f"{name}_spread" in point else ""
-        cells = [
-            number(point[n].item()) if n in point else "" for n in (f"{name}_{kind}" for kind in aggregates)
-        ]
+        if f"{name}_sd" in point:
+            sd = point[f"{name}_sd"].item()
+            spread = f" ± {sd:.2g}" if sd == sd else " ± ?"
+        plain = [f"{name}_{kind}" for kind in heads if kind != "bad tail"]
+        cells = [number(point[n].item()) if n in point else "" for n in plain]
+        if tails:
+            tail = next((kind for kind in tails if f"{name}_{kind}" in point), None)
+            cells.append(f"{number(point[f'{name}_{tail}'].item())} ({tail})" if tail else "")
         about = point[name].attrs
         rows.append(
             (
@@ -234,14 +273,12 @@ def one_point(dataset: xr.Dataset, key: str, criterion: bool = False) -> str:
                 about.get("long_name", ""),
             )
         )
-    return "\n".join([*lines, "", _plain(("metric", "value", *aggregates, "unit", "meaning"), rows)])
+    return "\n".join([*lines, "", _plain(("metric", "value", *heads, "unit", "meaning"), rows)])
 
 
 def _stem(name: str) -> str:
     """The metric that a column is about: ``delta`` for ``delta_mean`` and ``delta_spread_worst``."""
-    while name not in METRICS and (cut := re.sub(r"_(mean|worst|spread|ensemble)$", "", name)) != name:
-        name = cut
-    return name
+    return split_name(name)[0]
 
 
 def _unit(about: Mapping[str, Any]) -> str:
@@ -285,7 +322,9 @@ def describe(study: Study, plan: Plan, pilots: Sequence[PilotRun]) -> str:
             f"{_fineness(r)}, energy residual {r.energy_residual:.1e}",
             f"             {r.cost.steps} steps, {r.cost.evaluations} evaluations, {r.cost.seconds:.2f} s",
         ]
-    runs = points * (1 + study.repeats.n)
+    asked = study.settings.uncertainty  # a tenth of the tolerance costs some 10^(1/5), a mesh the third power
+    more = 0.0 if asked is None else asked.runs + 1.6 + asked.refine**3
+    runs = round(points * (1 + study.repeats.n + more))
     seconds = [pilot.response.cost.seconds for pilot in pilots]
     work = sum(pilot.work for pilot in pilots) / max(len(pilots), 1)
     mean = sum(seconds) / max(len(seconds), 1)

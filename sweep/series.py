@@ -90,7 +90,7 @@ def _of_point(directory: Path, key: str, name: str, make: Callable[[Point], xr.D
             raise ValueError(f"{directory} has no point {key}")
         index = plan.keys.index(key)
         point = plan.point(study, index)
-        found = make(replace(point, settings=replace(point.settings, repeats=0)))
+        found = make(replace(point, settings=point.settings.single))
         found.attrs |= {"key": key, "design": point.design}
         if len(plan.environments) > 1:
             found.attrs["environment"] = plan.environments[index % len(plan.environments)]

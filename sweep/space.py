@@ -26,6 +26,18 @@ from .point import Order, Point
 # --------------------------------------------------------------------------- designs
 
 
+def design_values(study: Study, limit: int | None = None) -> np.ndarray:
+    """(n_design, n_variable) values of the design variables; ``limit`` takes the first designs."""
+    given = study.sampler.values if study.sampler and study.sampler.kind == "given" else None
+    if given is not None:
+        return np.array([[var.number(v) for v in given[key]] for key, var in study.variables.items()]).T[:limit]
+    samples = unit_samples(study)[:limit]
+    values = np.empty(samples.shape)
+    for j, variable in enumerate(study.variables.values()):
+        values[:, j] = [variable.at(float(u)) for u in samples[:, j]]
+    return values
+
+
 def unit_samples(study: Study) -> np.ndarray:
     """Designs in the unit cube, one column for each variable.
 
@@ -63,6 +75,8 @@ def count_designs(study: Study) -> int:
         return 1
     if study.sampler is None:
         return len(unit_samples(study))
+    if study.sampler.kind == "given":
+        return len(next(iter(study.sampler.values.values())))
     if study.sampler.kind == "grid":
         return math.prod(len(axis) for axis in _axes(study, study.sampler))
     return study.sampler.n or 1
@@ -84,11 +98,7 @@ def _axes(study: Study, sampler: Sampler) -> list[np.ndarray]:
 
 def designs(study: Study, limit: int | None = None) -> list[dict[str, float]]:
     """The study's designs, each the values of its variables by name; ``limit`` takes the first ones."""
-    samples = unit_samples(study)[:limit]
-    return [
-        {key: variable.at(float(u)) for (key, variable), u in zip(study.variables.items(), row, strict=True)}
-        for row in samples
-    ]
+    return [dict(zip(study.variables, map(float, row), strict=True)) for row in design_values(study, limit)]
 
 
 def extremes(study: Study) -> dict[str, dict[str, float]]:
@@ -219,6 +229,8 @@ def point_key(scene: Scene, ask: Ask, settings: MetricSettings | None = None) ->
         chosen = asdict(settings)
         if not settings.repeats:
             del chosen["repeats"], chosen["perturbation"], chosen["objectives"]
+        if settings.uncertainty is None:
+            del chosen["uncertainty"]
         parts["metrics"] = chosen
     return _hashed(parts)
 

@@ -15,6 +15,7 @@ LAYERS = [  # a file imports from layers above its own line or from its own line
     "point fields mistakes mend",
     "config",
     "metrics space pareto",
+    "uncertainty",
     "evaluate child",
     "plan supervise dataset",
     "store",
