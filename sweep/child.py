@@ -1,8 +1,9 @@
-"""The supervised child: points come in over a socket, records go back. Started by ``distribute`` only.
+"""The supervised child: points come in over a socket, records go back. Started by ``supervise`` only.
 
 A model that segfaults, loops for ever, eats memory or is killed takes this process with it and nothing else. Messages
-are length-prefixed pickles on a socket of their own, so that stray prints cannot corrupt them. The child imports,
-says "imported", waits for "go" (the compiler's cache may still be filled by another rank), warms up, says "ready".
+are length-prefixed pickles on a socket of their own, so that stray prints cannot corrupt them. The child is told its
+functions, imports them, says "imported", waits for "go" (the compiler's cache may still be filled by another rank),
+warms up, says "ready".
 It ends when its parent does: on Linux the kernel kills it, elsewhere it sees the closed socket at its next message.
 """
 
@@ -122,12 +123,12 @@ def numbered(record: Record, objectives: Sequence[str]) -> Record:
     return record
 
 
-def main(argv: list[str]) -> int:
-    parent, handle, evaluator, *warm_ups = argv
-    die_with_parent(int(parent))
+def work(parent: int, pipe: Connection) -> int:
+    """Everything a child does, for the process ``parent``; returns its exit code."""
+    die_with_parent(parent)
     faulthandler.enable()
-    pipe = Connection(int(handle))
     try:
+        evaluator, *warm_ups = pipe.recv()
         evaluate = locate(evaluator)
         pipe.send(("imported", ""))
         study, limit = pipe.recv()
@@ -162,4 +163,4 @@ def main(argv: list[str]) -> int:
 
 
 if __name__ == "__main__":
-    sys.exit(main(sys.argv[1:]))
+    sys.exit(work(int(sys.argv[1]), Connection(int(sys.argv[2]))))

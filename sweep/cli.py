@@ -26,6 +26,7 @@ from . import plan as planning
 from . import run as running
 from . import submit as submitting
 from .resolve import resolve
+from .supervise import fork_spare
 
 app = typer.Typer(
     add_completion=False,
@@ -133,6 +134,7 @@ def run(
     force_version: Annotated[bool, typer.Option(help="add to rows of another solver version")] = False,
 ) -> None:
     """Run what is missing, on this core or, under `mpirun -n P python -m mpi4py -m sweep run`, on P."""
+    fork_spare()  # before MPI begins
     ranks = distribute.world()
     _log(ranks)
     if ranks.rank > 0:
