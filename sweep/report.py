@@ -9,19 +9,20 @@ import time
 from collections import Counter
 from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
-import xarray as xr
 from rich.console import Console
 from rich.table import Table
 
 from .config import METRICS, Study, find_metric
 from .distribute import Done
 from .locks import Holder
-from .pareto import column
 from .plan import PilotRun, Plan
 from .store import Journal, outcome
+
+if TYPE_CHECKING:
+    import xarray as xr
 
 EVERY_SECONDS = 30.0, 600.0  # between two lines of the log: at first, and at most
 EVERY_SHARE = 0.05
@@ -169,6 +170,8 @@ def front_table(
     """The front by its first objective: key, design variables, objectives; the best point is marked."""
     if not len(chosen):
         return "no trusted points, and so no front: `sweep status` says why"
+    from .pareto import column
+
     index = "design" if "environment" in dataset.dims else "point"
     variables = [str(name) for name, c in dataset.coords.items() if c.dims == (index,) and name != "design"]
     columns = {name: column(dataset, name).values for name in objectives}
