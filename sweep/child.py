@@ -28,14 +28,16 @@ from .mistakes import ConfigError
 from .point import Order, Point, Record
 from .space import made
 
-PR_SET_PDEATHSIG = 1
+PR_SET_PDEATHSIG, PR_SET_NAME = 1, 15
 MOST_MESSAGE = 500  # characters of a row's message that are kept
 
 
 def die_with_parent(parent: int) -> None:
     """Ask the kernel to kill this process when its parent dies, whatever it is doing then."""
     if sys.platform == "linux":
-        ctypes.CDLL(None, use_errno=True).prctl(PR_SET_PDEATHSIG, int(signal.SIGKILL))
+        kernel = ctypes.CDLL(None, use_errno=True)
+        kernel.prctl(PR_SET_PDEATHSIG, int(signal.SIGKILL))
+        kernel.prctl(PR_SET_NAME, b"sweep.child")  # a fork has its parent's command line
     if os.getppid() != parent:
         os._exit(0)
 
