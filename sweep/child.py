@@ -1,8 +1,9 @@
-"""The supervised child: points come in over a socket, records go back. Started by ``distribute`` only.
+"""The supervised child: points come in over a socket, records go back. Started by ``supervise`` only.
 
 A model that segfaults, loops for ever, eats memory or is killed takes this process with it and nothing else. Messages
-are length-prefixed pickles on a socket of their own, so that stray prints cannot corrupt them. The child imports,
-says "imported", waits for "go" (the compiler's cache may still be filled by another rank), warms up, says "ready".
+are length-prefixed pickles on a socket of their own, so that stray prints cannot corrupt them. The child is told its
+functions, imports them, says "imported", waits for "go" (the compiler's cache may still be filled by another rank),
+warms up, says "ready".
 It ends when its parent does: on Linux the kernel kills it, elsewhere it sees the closed socket at its next message.
 """
 
@@ -28,14 +29,16 @@ from .mistakes import ConfigError
 from .point import Order, Point, Record
 from .space import made
 
-PR_SET_PDEATHSIG = 1
+PR_SET_PDEATHSIG, PR_SET_NAME = 1, 15
 MOST_MESSAGE = 500  # characters of a row's message that are kept
 
 
 def die_with_parent(parent: int) -> None:
     """Ask the kernel to kill this process when its parent dies, whatever it is doing then."""
     if sys.platform == "linux":
-        ctypes.CDLL(None, use_errno=True).prctl(PR_SET_PDEATHSIG, int(signal.SIGKILL))
+        kernel = ctypes.CDLL(None, use_errno=True)
+        kernel.prctl(PR_SET_PDEATHSIG, int(signal.SIGKILL))
+        kernel.prctl(PR_SET_NAME, b"sweep.child")  # a fork has its parent's command line
     if os.getppid() != parent:
         os._exit(0)
 
@@ -125,12 +128,12 @@ def numbered(record: Record, objectives: Sequence[str]) -> Record:
     return record
 
 
-def main(argv: list[str]) -> int:
-    parent, handle, evaluator, *warm_ups = argv
-    die_with_parent(int(parent))
+def work(parent: int, pipe: Connection) -> int:
+    """Everything a child does, for the process ``parent``; returns its exit code."""
+    die_with_parent(parent)
     faulthandler.enable()
-    pipe = Connection(int(handle))
     try:
+        evaluator, *warm_ups = pipe.recv()
         evaluate = locate(evaluator)
         pipe.send(("imported", ""))
         study, limit = pipe.recv()
@@ -165,4 +168,4 @@ def main(argv: list[str]) -> int:
 
 
 if __name__ == "__main__":
-    sys.exit(main(sys.argv[1:]))
+    sys.exit(work(int(sys.argv[1]), Connection(int(sys.argv[2]))))

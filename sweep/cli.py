@@ -14,19 +14,22 @@ import sys
 from enum import StrEnum
 from importlib import resources
 from pathlib import Path
-from typing import Annotated, Any
+from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
-import xarray as xr
 from rich.console import Console
 
 from solvers import METHODS, MODELS, CannotRepresent, warm_up
 
-from . import config, distribute, locks, pareto, report, store
+from . import config, distribute, locks, report, store
 from . import plan as planning
 from . import run as running
 from . import submit as submitting
 from .resolve import resolve
+from .supervise import fork_spare
+
+if TYPE_CHECKING:
+    import xarray as xr
 
 app = typer.Typer(
     add_completion=False,
@@ -160,6 +163,7 @@ def run(
     ] = None,
 ) -> None:
     """Run what is missing, on this core or, under `mpirun -n P python -m mpi4py -m sweep run`, on P."""
+    fork_spare()  # before MPI begins
     ranks = distribute.world()
     _log(ranks)
     if ranks.rank > 0:
@@ -330,6 +334,8 @@ def _key(dataset: xr.Dataset, text: str) -> str:
     """The key that a user means: whole, a prefix that is unique, or ``best``."""
     keys = dataset["key"].values
     if text == "best":
+        from . import pareto  # it and xarray take half a second that ranks do not need
+
         chosen = pareto.best(dataset, json.loads(dataset.attrs["objectives"]))
         if chosen is None:
             raise store.StoreError("there is no trusted point yet, and so no best one")
@@ -381,6 +387,8 @@ def pareto_command(
     ] = pareto.Z,
 ) -> None:
     """The front over trusted points: a table, DIR/front.nc, and a figure."""
+    from . import pareto
+
     dataset = store.open_study(directory)
     objectives = json.loads(dataset.attrs["objectives"])
     chosen = pareto.front(dataset, objectives)
@@ -424,8 +432,10 @@ def plot(
     cheap = [name for name, entry in plots.PLOTS.items() if not entry.dear]
     if kind == "all" and (point or over):
         raise typer.BadParameter("`all` shows the best point: name one kind of figure", param_hint="--point, --over")
-    dataset = store.open_study(directory) if point or over else xr.Dataset()
-    key, others = _key(dataset, point) if point else None, [_key(dataset, text) for text in over or ()]
+    dataset = store.open_study(directory) if point or over else None
+    key, others = None, []
+    if dataset is not None:
+        key, others = _key(dataset, point) if point else None, [_key(dataset, text) for text in over or ()]
     for name in cheap if kind == "all" else [kind]:
         try:
             say(plots.save_plot(directory, name, key, others))

@@ -4,12 +4,14 @@ from __future__ import annotations
 
 import json
 from collections.abc import Sequence
+from typing import TYPE_CHECKING
 
 import numpy as np
-import xarray as xr
-from pymoo.util.nds.non_dominated_sorting import NonDominatedSorting
 
 from .config import AGGREGATES, bad_tail, find_metric, split_name
+
+if TYPE_CHECKING:  # it and pymoo take half a second that ranks do not need
+    import xarray as xr
 
 Z = 1.96  # differences below Z standard deviations are ties: 95 % of a normal distribution
 CRITERION = (
@@ -110,7 +112,7 @@ def excesses(dataset: xr.Dataset) -> dict[str, np.ndarray]:
     for name, bound in json.loads(dataset.attrs.get("constraints", "{}")).items():
         for side, sign in (("min", -1.0), ("max", 1.0)):
             if bound[side] is not None:
-                values = dataset[name] if name in dataset else xr.full_like(dataset["status"], np.nan, dtype=float)
+                values = dataset[name] if name in dataset else (dataset["status"] == "OK") * np.nan
                 over = sign * (values - bound[side])
                 if "environment" in over.dims:
                     over = over.max("environment", skipna=False)
@@ -138,6 +140,8 @@ def front(dataset: xr.Dataset, objectives: Sequence[str]) -> np.ndarray:
     if not candidates.size:
         return candidates
     values = costs(dataset, objectives)[candidates]
+    from pymoo.util.nds.non_dominated_sorting import NonDominatedSorting
+
     first = NonDominatedSorting().do(values, only_non_dominated_front=True)
     return np.sort(candidates[np.asarray(first, dtype=int)])
 

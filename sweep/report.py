@@ -9,10 +9,9 @@ import time
 from collections import Counter
 from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
-import xarray as xr
 from rich.console import Console
 from rich.table import Table
 
@@ -22,6 +21,9 @@ from .locks import Holder
 from .pareto import allowed, barred, column, deviations, excesses, trusted
 from .plan import PilotRun, Plan
 from .store import Journal, outcome
+
+if TYPE_CHECKING:
+    import xarray as xr
 
 EVERY_SECONDS = 30.0, 600.0  # between two lines of the log: at first, and at most
 EVERY_SHARE = 0.05

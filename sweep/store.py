@@ -24,17 +24,17 @@ from collections.abc import Callable, Iterable, Iterator, Mapping
 from contextlib import contextmanager, suppress
 from dataclasses import dataclass, field, fields
 from pathlib import Path
-from typing import Any, BinaryIO, Protocol
+from typing import TYPE_CHECKING, Any, BinaryIO, Protocol
 
-import netCDF4
 import numpy as np
-import xarray as xr
 
 from .config import Study, load_study
-from .dataset import assemble
 from .plan import Keys, Plan, make_plan, read_plan, write_plan
 from .point import Record
 from .space import count_designs
+
+if TYPE_CHECKING:
+    import xarray as xr
 
 SYNC_ROWS = 20
 SYNC_SECONDS = 1.0
@@ -620,6 +620,8 @@ def contents(directory: str | Path) -> tuple[Study, Plan]:
 
 def dataset_of(directory: str | Path) -> xr.Dataset:
     """The dataset of a folder's journals as they are now."""
+    from .dataset import assemble  # xarray takes half a second that ranks do not need, here and below
+
     study, plan = contents(directory)
     replay = Replay(directory, plan.keys)
     return assemble(study, plan, replay.table(slice(None)), replay.headers)
@@ -648,6 +650,10 @@ def merge(directory: str | Path) -> Path:
 
 def _stream(study: Study, plan: Plan, replay: Replay, place: Path) -> None:
     """Write the dataset, PIECE points at a time: xarray writes the first, the others are appended to its variables."""
+    import netCDF4
+
+    from .dataset import assemble
+
     m = len(plan.environments)
     step = max(1, PIECE // m)
     several = len(plan.designs) > step
@@ -667,6 +673,8 @@ def _stream(study: Study, plan: Plan, replay: Replay, place: Path) -> None:
 
 def open_study(directory: str | Path) -> xr.Dataset:
     """The results of a study's folder: ``results.nc``, or the journals where they or the plan are newer."""
+    import xarray as xr
+
     path = Path(directory) / "results.nc"
     parts = [*journals(Path(directory)), *Path(directory).glob("plan.json")]
     if not path.is_file() or any(part.stat().st_mtime_ns >= path.stat().st_mtime_ns for part in parts):

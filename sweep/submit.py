@@ -53,7 +53,7 @@ class Site:
 
     options: dict[str, str | int | bool | None] = Field(default_factory=dict)  # long options of sbatch
     setup: tuple[str, ...] = ()  # shell lines before the run: modules, environments
-    launch: str = "srun --mpi=pmi2 --kill-on-bad-exit=1"  # starts the ranks
+    launch: str = "mpirun"  # starts the ranks
     node_cache: bool = False  # compiled kernels on each node's own disk
     max_array: int | None = Field(default=None, ge=1)  # tasks of one array, where scontrol cannot say
     max_files: int | None = Field(default=None, ge=1)  # that a study may make, by quota

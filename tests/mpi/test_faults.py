@@ -82,15 +82,16 @@ def wait_for(out: Path, rows: int) -> None:
 
 
 def processes(out: Path, word: str) -> dict[int, int]:
-    """Live processes with the folder or word in their command line: number and rank."""
+    """Live ranks with the folder and the word in their command line, without their children: number and rank."""
     found = {}
     for path in Path("/proc").glob("[0-9]*"):
         try:
             line = (path / "cmdline").read_bytes().decode()
             environment = (path / "environ").read_bytes().decode()
+            name = (path / "comm").read_text().strip()
         except OSError:
             continue
-        if str(out) in line and word in line and "PMI_RANK=" in environment:
+        if str(out) in line and word in line and "PMI_RANK=" in environment and name != "sweep.child":
             found[int(path.name)] = int(environment.split("PMI_RANK=")[1].split("\0")[0])
     return found
 

@@ -1,4 +1,4 @@
-"""The job scripts on a real SLURM, brought up on this machine by ``slurm-here``: two nodes, as far as it knows."""
+"""The job scripts on a real SLURM, brought up on this machine by ``slurm-here``: of two nodes, as far as it knows."""
 
 from __future__ import annotations
 
@@ -41,10 +41,10 @@ def call(*words: object, **environment: str) -> subprocess.CompletedProcess[str]
 
 @pytest.fixture(scope="module")
 def slurm(tmp_path_factory) -> Iterator[dict[str, str]]:
-    """A running cluster of two nodes, so that three ranks need both: the environment in which its commands work."""
+    """A running cluster of two nodes: the environment in which its commands work."""
     place = {
         "SLURM_HERE_DIR": str(tmp_path_factory.mktemp("slurm-here")),
-        "SLURM_HERE_CPUS": "2",
+        "SLURM_HERE_CPUS": "4",
         "SLURM_HERE_NODES": "2",
         "SLURM_HERE_INSTALL": os.environ.get("SLURM_HERE_INSTALL", "0"),  # 1 lets it call apt-get
     }
@@ -120,9 +120,10 @@ def folder(tmp_path) -> Path:
     return tmp_path / "out"
 
 
-def _site(place: Path, setup: tuple[str, ...] = (), **settings: object) -> None:
+def _site(place: Path, setup: tuple[str, ...] = (), nodes: int | None = None, **settings: object) -> None:
     usual = f"export PATH={Path(sys.executable).parent}:$PATH PYTHONPATH={ROOT}:{UNIT}"
-    content = {"options": {"mem-per-cpu": 0, "time": "00:05:00"}, "setup": [usual, *setup], **settings}
+    options = {"mem-per-cpu": 0, "time": "00:20:00", "nodes": nodes}
+    content = {"options": options, "setup": [usual, *setup], **settings}
     (place / "site.yaml").write_text(yaml.safe_dump(content))
 
 
@@ -143,15 +144,15 @@ def test_an_array_of_four_makes_the_serial_file(slurm, serial, folder):
     xr.testing.assert_identical(open_study(folder).drop_vars(COST), serial)
 
 
-@pytest.mark.parametrize("launch", ["srun --mpi=pmi2 --kill-on-bad-exit=1", "mpirun"])
-def test_ranks_make_the_serial_file(slurm, serial, tmp_path, launch):
-    _site(tmp_path, launch=launch)
+@pytest.mark.parametrize(("launch", "nodes"), [("srun --mpi=pmi2 --kill-on-bad-exit=1", 1), ("mpirun", 2)])
+def test_ranks_make_the_serial_file(slurm, serial, tmp_path, launch, nodes):
+    _site(tmp_path, launch=launch, nodes=nodes)
     jobs = submit(slurm, TINY, tmp_path / "out", "--ranks", 3, "--pilots", 0)
     wait(slurm, jobs)
     said = logs(tmp_path / "out")
     assert f"job {jobs[0]} rank 0/3" in said, said
     assert "6 points, 6 to do, on 3 ranks" in said
-    assert "NumNodes=2" in call("scontrol", "-o", "show", "job", jobs[0], **slurm).stdout
+    assert f"NumNodes={nodes}" in call("scontrol", "-o", "show", "job", jobs[0], **slurm).stdout
     xr.testing.assert_identical(open_study(tmp_path / "out").drop_vars(COST), serial)
 
 
@@ -232,7 +233,7 @@ def test_an_array_that_meets_its_time_limit_goes_on_in_a_new_turn(slurm, many, u
 
 def test_a_killed_job_is_submitted_again_and_a_cancelled_one_stays_cancelled(slurm, many, undisturbed, tmp_path):
     """SIGKILL of all processes of a job of ranks; then scancel; then a third submission ends it."""
-    _made_up(tmp_path, 4)
+    _made_up(tmp_path, 4, nodes=2)
     out = tmp_path / "out"
     first = submit(slurm, many, out, "--ranks", 3, "--pilots", 0)
     _wait_for(out, 4)
@@ -247,7 +248,7 @@ def test_a_killed_job_is_submitted_again_and_a_cancelled_one_stays_cancelled(slu
     call("scancel", "--signal=KILL", "--full", first[0], **slurm)
     wait(slurm, first)
     assert _rows(out) == 4
-    _made_up(tmp_path, 10)
+    _made_up(tmp_path, 10, nodes=2)
     second = submit(slurm, many, out, "--ranks", 3, "--pilots", 0)[2:]
     _wait_for(out, 10)
     call("scancel", second[0], **slurm)
@@ -263,7 +264,7 @@ def test_a_killed_job_is_submitted_again_and_a_cancelled_one_stays_cancelled(slu
 @pytest.mark.parametrize("fault", ["a killed rank", "the time limit"])
 def test_a_job_of_ranks_goes_back_to_the_queue(slurm, many, undisturbed, tmp_path, fault):
     """A rank is killed, or USR1 comes, as before the time limit; on each node one rank fills the compilers' cache."""
-    _made_up(tmp_path, 8)
+    _made_up(tmp_path, 8, nodes=2)
     out = tmp_path / "out"
     jobs = submit(slurm, many, out, "--ranks", 3, "--pilots", 0)
     _wait_for(out, 8)
@@ -274,7 +275,9 @@ def test_a_job_of_ranks_goes_back_to_the_queue(slurm, many, undisturbed, tmp_pat
         ranks = [
             int(path.name)
             for path in Path("/proc").glob("[0-9]*")
-            if str(out).encode() in _command(path) and b"mpi4py" in _command(path) and b"srun" not in _command(path)
+            if str(out).encode() in _read(path / "cmdline")
+            and _read(path / "cmdline").split(b"\0")[1:3] == [b"-m", b"mpi4py"]
+            and _read(path / "comm").strip() != b"sweep.child"
         ]
         os.kill(max(ranks), signal.SIGKILL)
         words = "back to the queue"
@@ -287,16 +290,16 @@ def test_a_job_of_ranks_goes_back_to_the_queue(slurm, many, undisturbed, tmp_pat
         assert list((tmp_path / f"cache-{node}").rglob("warm")), logs(out)
 
 
-def _command(path: Path) -> bytes:
+def _read(path: Path) -> bytes:
     try:
-        return (path / "cmdline").read_bytes()
+        return path.read_bytes()
     except OSError:
         return b""
 
 
 def test_copies_of_size_one_are_refused(slurm, many, tmp_path):
     """A launcher that does not know the MPI would run the whole study three times."""
-    _made_up(tmp_path, 0, launch="srun --mpi=none")
+    _made_up(tmp_path, COUNT, launch="srun --mpi=none")
     out = tmp_path / "out"
     wait(slurm, submit(slurm, many, out, "--ranks", 3, "--pilots", 0))
     assert "3 processes were asked for (SLURM_NTASKS=3) but MPI sees only one" in logs(out), logs(out)

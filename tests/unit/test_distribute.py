@@ -6,6 +6,7 @@ import os
 import signal
 import subprocess
 import sys
+import threading
 import time
 import types
 from pathlib import Path
@@ -13,7 +14,7 @@ from pathlib import Path
 import fakes
 import pytest
 
-from sweep import child, distribute
+from sweep import child, distribute, supervise
 from sweep.distribute import Alone, Job, map_points
 from sweep.store import CannotWrite, DiskStore
 from sweep.supervise import CannotRun, Child
@@ -59,6 +60,44 @@ def test_memory_is_limited_in_leaps_and_in_small_steps():
     unlimited = job(memory_limit=700.0, time_limit=30.0, evaluator=f"{fakes.HERE}:evaluate_unlimited")
     found = distribute.evaluate_alone(fakes.make(0, "eat"), unlimited)
     assert (found.status, found.message) == ("MEMORY", "passed the memory limit of 700 MB")
+
+
+def test_the_spare_child_is_as_one_that_is_started(tmp_path):
+    """A fork of a warm process: no launcher's variables, one thread, no file but its socket; it dies like any other."""
+    code = f"""
+import os, sys
+sys.path.insert(0, {str(Path(fakes.HERE).parent)!r})
+held = open({str(tmp_path / "held")!r}, "w")
+import fakes
+from sweep import distribute, supervise
+assert supervise.fork_spare()
+pid = supervise._spares[0].pid
+job = distribute.Job(evaluator={fakes.HERE + ":tell"!r}, warm_ups=(), time_limit=60.0)
+print(distribute.evaluate_alone(fakes.make(0), job).message)
+assert not supervise._spares
+assert not os.path.exists(f"/proc/{{pid}}")
+assert supervise.fork_spare()
+job = distribute.Job(evaluator={fakes.HERE + ":evaluate"!r}, warm_ups=(), time_limit=60.0)
+seen = []
+distribute.map_points([fakes.make(i, m) for i, m in enumerate(["good", "segfault", "good"])], job, distribute.Alone(),
+                      lambda done: seen.append(done.status))
+print(seen)
+"""
+    launched = {"PMI_RANK": "3", "SLURM_JOB_ID": "17", "OMP_NUM_THREADS": "1"}
+    ended = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, env=os.environ | launched)
+    assert ended.stdout.splitlines() == [
+        "OMP_NUM_THREADS=1 NUMBA_NUM_THREADS=1",
+        "['OK', 'CRASHED', 'OK']",
+    ], ended.stderr
+
+
+def test_nothing_is_forked_beside_threads_or_mpi(monkeypatch):
+    end = threading.Event()
+    beside = threading.Thread(target=end.wait)
+    beside.start()
+    assert not supervise.fork_spare()
+    end.set()
+    beside.join()
 
 
 def test_a_limit_below_what_the_program_takes_is_refused():
