@@ -156,6 +156,36 @@ def run(
     raise typer.Exit(code)
 
 
+@app.command(name="optimise")
+def optimise_command(
+    study: File,
+    out: Annotated[Path, typer.Option(metavar="DIR", help="results folder; what is done there is not run again")],
+    evaluations: Annotated[
+        int | None, typer.Option(min=1, metavar="N", help="distinct designs to run in all, instead of the study's")
+    ] = None,
+    force_version: Annotated[bool, typer.Option(help="go on with other versions of the solver or of pymoo")] = False,
+) -> None:
+    """Look for the front, on this core or, under `mpirun -n P python -m mpi4py -m sweep optimise`, on P; resumes."""
+    ranks = distribute.world()
+    _log(ranks)
+    if ranks.rank > 0:
+        raise typer.Exit(distribute.serve(ranks))
+    from . import optimise
+
+    code, abort = 2, False
+    try:
+        settings = running.Settings(directory=out, any_version=force_version)
+        ended = optimise.optimise(config.load_study(study), settings, evaluations, ranks)
+        code = ended.exit_code
+        say(report.ending(ended.groups, ended.interrupted, ended.results, out))
+        say(f"search     {optimise.progress_of(out)}\nthen       sweep pareto {out}; sweep plot {out} hypervolume")
+    except BAD_INPUT as error:
+        code, abort = complain(error), isinstance(error, distribute.Silent)
+    finally:
+        distribute.dismiss(ranks, code, abort)
+    raise typer.Exit(code)
+
+
 def _log(ranks: distribute.World) -> None:
     """Rank 0 tells, the others warn; each line says whose it is where there are several ranks or tasks."""
     job, rank = store.job_name(), f"{ranks.rank}/{ranks.size}" if ranks.size > 1 else ""
@@ -225,6 +255,13 @@ def status(
     if replay.journals:
         say(report.writers_table(replay.journals, live, locks.server_clock(directory / "parts"), Console()))
     to_go = groups["MISSING", ""]
+    if store.searched(directory):
+        from . import optimise
+
+        search = optimise.progress_of(directory)
+        say(f"search     {search}")
+        left = 0 if search is None or search.ended else max(search.evaluations - search.done, 1)
+        to_go = left * len(plan.environments)
     parts = {holder.part for holder in live}
     pace = sum(journal.pace for journal in replay.journals if journal.writer.rpartition("-")[0] in parts)
     say(report.outlook(to_go, pace, len(live)))

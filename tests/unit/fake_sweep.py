@@ -1,6 +1,6 @@
 """``python -m fake_sweep`` is ``sweep`` with a made-up evaluator: everything around the physics, in no time.
 
-FAKE_MODES, FAKE_SECONDS: see ``fakes.planned``. FAKE_SKEW: seconds by which the clock of each further rank is
+FAKE_MODES, FAKE_SECONDS: see ``fakes.planned``. FAKE_EVALUATOR: another of ``fakes``. FAKE_SKEW: seconds by which the clock of each further rank is
 behind the one before. FAKE_SILENCE: how long rank 0 waits for a rank that says nothing.
 """
 
@@ -15,7 +15,8 @@ from sweep import cli, distribute, run
 
 
 def main() -> None:
-    run.Settings.__init__.__kwdefaults__ |= {"evaluator": f"{fakes.HERE}:planned", "warm_ups": ()}
+    evaluator = f"{fakes.HERE}:{os.environ.get('FAKE_EVALUATOR', 'planned')}"
+    run.Settings.__init__.__kwdefaults__ |= {"evaluator": evaluator, "warm_ups": ()}
     distribute.Job.__init__.__kwdefaults__["silence"] = float(os.environ.get("FAKE_SILENCE", distribute.SILENCE))
     if skew := float(os.environ.get("FAKE_SKEW", "0")):
         behind = skew * distribute.world().rank
