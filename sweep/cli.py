@@ -11,6 +11,7 @@ import logging
 import math
 import os
 import sys
+from collections.abc import Callable
 from enum import StrEnum
 from importlib import resources
 from pathlib import Path
@@ -21,7 +22,7 @@ from rich.console import Console
 
 from solvers import METHODS, MODELS, CannotRepresent, warm_up
 
-from . import config, distribute, locks, report, store
+from . import config, distribute, locks, pareto, report, store
 from . import plan as planning
 from . import run as running
 from . import submit as submitting
@@ -163,13 +164,8 @@ def run(
     ] = None,
 ) -> None:
     """Run what is missing, on this core or, under `mpirun -n P python -m mpi4py -m sweep run`, on P."""
-    fork_spare()  # before MPI begins
-    ranks = distribute.world()
-    _log(ranks)
-    if ranks.rank > 0:
-        raise typer.Exit(distribute.serve(ranks))
-    code = 2
-    try:
+
+    def work(ranks: distribute.World) -> running.Outcome:
         settings = running.Settings(
             directory=out,
             limit=limit,
@@ -177,9 +173,27 @@ def run(
             retry=frozenset(kind.value for kind in retry or ()),
             any_version=force_version,
         )
-        ended = running.run(config.load_study(study, designs), settings, ranks)
+        return running.run(config.load_study(study, designs), settings, ranks)
+
+    _on_ranks(out, work)
+
+
+def _on_ranks(
+    out: Path, work: Callable[[distribute.World], running.Outcome], more: Callable[[], str] | None = None
+) -> None:
+    """Do the work on rank 0 while the other ranks serve; say how it ended, and end them all with its exit code."""
+    fork_spare()  # before MPI begins
+    ranks = distribute.world()
+    _log(ranks)
+    if ranks.rank > 0:
+        raise typer.Exit(distribute.serve(ranks))
+    code = 2
+    try:
+        ended = work(ranks)
         code = ended.exit_code
         say(report.ending(ended.groups, ended.interrupted, ended.results, out))
+        if more:
+            say(more())
     except BAD_INPUT as error:
         code = complain(error)
     except KeyboardInterrupt:
@@ -187,6 +201,26 @@ def run(
     finally:
         distribute.dismiss(ranks, code)
     raise typer.Exit(code)
+
+
+@app.command(name="optimise")
+def optimise_command(
+    study: File,
+    out: Annotated[Path, typer.Option(metavar="DIR", help="results folder; what is done there is not run again")],
+    evaluations: Annotated[
+        int | None, typer.Option(min=1, metavar="N", help="distinct designs to run in all, instead of the study's")
+    ] = None,
+    force_version: Annotated[bool, typer.Option(help="go on with other versions of the solver or of pymoo")] = False,
+) -> None:
+    """Look for the front, on this core or, under `mpirun -n P python -m mpi4py -m sweep optimise`, on P; resumes."""
+    from . import optimise
+
+    settings = running.Settings(directory=out, any_version=force_version)
+    _on_ranks(
+        out,
+        lambda ranks: optimise.optimise(config.load_study(study), settings, evaluations, ranks),
+        lambda: f"search     {optimise.progress_of(out)}\nthen       sweep pareto {out}; sweep plot {out} hypervolume",
+    )
 
 
 def _log(ranks: distribute.World) -> None:
@@ -258,6 +292,13 @@ def status(
     if replay.journals:
         say(report.writers_table(replay.journals, live, locks.server_clock(directory / "parts"), Console()))
     to_go = groups["MISSING", ""]
+    if store.searched(directory):
+        from . import optimise
+
+        search = optimise.progress_of(directory)
+        say(f"search     {search}")
+        left = 0 if search is None or search.ended else max(search.evaluations - search.done, 1)
+        to_go = left * len(plan.environments)
     parts = {holder.part for holder in live}
     pace = sum(journal.pace for journal in replay.journals if journal.writer.rpartition("-")[0] in parts)
     say(report.outlook(to_go, pace, len(live)))
@@ -334,8 +375,6 @@ def _key(dataset: xr.Dataset, text: str) -> str:
     """The key that a user means: whole, a prefix that is unique, or ``best``."""
     keys = dataset["key"].values
     if text == "best":
-        from . import pareto  # it and xarray take half a second that ranks do not need
-
         chosen = pareto.best(dataset, json.loads(dataset.attrs["objectives"]))
         if chosen is None:
             raise store.StoreError("there is no trusted point yet, and so no best one")
@@ -387,8 +426,6 @@ def pareto_command(
     ] = pareto.Z,
 ) -> None:
     """The front over trusted points: a table, DIR/front.nc, and a figure."""
-    from . import pareto
-
     dataset = store.open_study(directory)
     objectives = json.loads(dataset.attrs["objectives"])
     chosen = pareto.front(dataset, objectives)

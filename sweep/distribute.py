@@ -14,8 +14,8 @@ import sys
 import time
 from collections import Counter, defaultdict, deque
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from contextlib import contextmanager, suppress
-from dataclasses import dataclass, field
+from contextlib import AbstractContextManager, contextmanager, suppress
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from types import FrameType
 from typing import Any, Protocol
@@ -57,6 +57,7 @@ class Job:
     study: Study | None = None  # of which orders are made points
     turn: int | None = None  # of the run, the same for all ranks
     silence: float = SILENCE
+    batches: bool = False  # ranks and children stay for the next batch of points, and rank 0 is sent every row
 
     def store(self, rank: int) -> Store:
         known = self.any_version or self.turn is not None  # then rank 0 has seen to it
@@ -254,6 +255,7 @@ class _Worker:
         self.queue: deque[Point | Order] = deque()
         self.interrupt, self.report = interrupt, report
         self.rows = 0
+        self.kept: list[Record] | None = [] if job.batches else None  # rows that nobody was told
 
     @property
     def busy(self) -> bool:
@@ -276,6 +278,8 @@ class _Worker:
             self.feed()  # the child works on while the row is written
             self.store.append(record)
             self.rows += 1
+            if self.kept is not None:
+                self.kept.append(record)
             self.report(done)
 
     def feed(self) -> None:
@@ -314,6 +318,46 @@ def map_points(
     """
     with interruptible(interrupt) as heard:
         return _Leader(points, job, ranks, heard, report, beat).run()
+
+
+class Crew:
+    """One batch of points after another over the same ranks and children; rank 0 has it while the others ``serve``.
+
+    Use it as a context, with a job whose ``batches`` is set; ``report`` and ``beat`` as in :func:`map_points`.
+    """
+
+    def __init__(
+        self,
+        job: Job,
+        ranks: World,
+        report: Callable[[Done], None] = lambda done: None,
+        beat: Callable[[], None] = lambda: None,
+    ) -> None:
+        self._given = job, ranks, report, beat
+        self._signals: AbstractContextManager[Interrupt] = interruptible()
+        self._leader: _Leader | None = None
+
+    def __enter__(self) -> Crew:
+        job, ranks, report, beat = self._given
+        interrupt = self._signals.__enter__()
+        try:
+            self._leader = _Leader([], job, ranks, interrupt, report, beat)
+        except BaseException:
+            self._signals.__exit__(None, None, None)
+            raise
+        return self
+
+    def map(self, points: Sequence[Point | Order] | Orders) -> tuple[list[Record], str]:
+        """The rows of a batch in any order, each in a journal by now, and the signal that cut it short or ""."""
+        assert self._leader is not None
+        return self._leader.batch(points)
+
+    def __exit__(self, kind: object, *error: object) -> None:
+        try:
+            if self._leader is not None:
+                self._leader.part(failed=kind is not None)
+        finally:
+            self._signals.__exit__(None, None, None)
 
 
 def evaluate_alone(point: Point, job: Job) -> Record:
@@ -363,28 +407,72 @@ class _Leader:
         self.mean = 0.0  # seconds of a point, over the last hundred or so
         self.worker = _Worker(job, ranks, interrupt, self.count)
         self.working: set[int] = set()  # ranks that have a job and have not said goodbye
+        self.begun = False
+        self.hungry: list[int] = []  # ranks that wait for the next batch
+        self.rows: list[Record] = []  # of this batch
         self.heard: dict[int, float] = {}  # when each of them spoke last
 
     def run(self) -> str:
         try:
-            if self.queue and not self.interrupt:
-                self.worker.child.start()
-                self.tell_others("job", self.job)
-                self.first()
-            while self.working or self.worker.busy or (self.queue and not self.interrupt):
+            self.begin()
+            self.work(lambda: not self.working)
+        finally:
+            self.worker.close()
+        return self.interrupt.name
+
+    def batch(self, points: Sequence[Point | Order] | Orders) -> tuple[list[Record], str]:
+        """As ``run``, and everybody stays for the next batch."""
+        self.queue, self.rows = _Queue(points), []
+        self.begin()
+        hungry, self.hungry = self.hungry, []
+        for rank in hungry:
+            self.ranks.send(rank, ("points", self.chunk()))
+        self.work(lambda: len(self.rows) >= len(points) or bool(self.interrupt and not self.working))
+        return self.rows, self.interrupt.name
+
+    def part(self, failed: bool = False) -> None:
+        """There is no other batch, or something went wrong between two of them."""
+        try:
+            if failed:
+                self.interrupt.set("a failure")
+                self.call_off()
+                return
+            self.job = replace(self.job, batches=False)
+            for rank in self.hungry:
+                self.ranks.send(rank, ("points", []))
+            self.work(lambda: not self.working)
+        finally:
+            self.worker.close()
+
+    def begin(self) -> None:
+        """The first points start the children and the other ranks."""
+        if self.begun or not self.queue or self.interrupt:
+            return
+        self.begun = True
+        with self.failing():
+            self.worker.child.start()
+            self.tell_others("job", self.job)
+            self.first()
+
+    def work(self, ended: Callable[[], bool]) -> None:
+        with self.failing():
+            while not ended() or self.worker.busy or (self.queue and not self.interrupt):
                 if not self.worker.busy or (not self.worker.queue and 0 < self.mean < AHEAD):
                     self.feed()
                 self.turn(min(max(self.mean / 10, POLL), 25 * POLL) if self.working else 0.1)
                 if self.interrupt and self.working:
                     self.call_off()
+
+    @contextmanager
+    def failing(self) -> Iterator[None]:
+        """What goes wrong here is told to the others before it is raised."""
+        try:
+            yield
         except BaseException:
             self.interrupt.set("a failure")
             with suppress(Silent):  # the failure is what there is to say; ``hung`` keeps it in mind
                 self.call_off()
             raise
-        finally:
-            self.worker.close()
-        return self.interrupt.name
 
     def first(self) -> None:
         """The first point alone: it fills the compiler's cache, which the other children then read."""
@@ -411,6 +499,9 @@ class _Leader:
 
     def turn(self, timeout: float) -> None:
         self.worker.step(timeout)
+        if self.worker.kept:
+            self.rows += self.worker.kept
+            self.worker.kept.clear()
         self.listen()
         self.beat()
 
@@ -428,6 +519,10 @@ class _Leader:
             if kind == "done":
                 for done in content:
                     self.count(done)
+            elif kind == "rows":
+                self.rows += content
+            elif kind == "ask" and self.job.batches and not len(self.queue) and not self.interrupt:
+                self.hungry.append(rank)
             elif kind == "ask":
                 self.ranks.send(rank, ("points", self.chunk()))
             elif kind == "interrupted":
@@ -549,8 +644,13 @@ class _Follower:
     def tell(self, last: bool = False) -> None:
         """Send what was done, or a sign of life, now and then."""
         every = NEWS * max(1.0, self.ranks.size / 256) if self.news else ALIVE
+        if self.worker.kept and not self.worker.busy:
+            every = 0.0  # the next batch waits for these rows
         if last or time.monotonic() - self.told > every:
             self.told = time.monotonic()
+            if self.worker.kept:
+                self.ranks.send(0, ("rows", list(self.worker.kept)))
+                self.worker.kept.clear()
             rows = [Done(*pair, self.seconds[pair] / n, n) for pair, n in self.news.items()]
             self.ranks.send(0, ("done", rows))
             self.news.clear()

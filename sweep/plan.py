@@ -14,8 +14,9 @@ import os
 import socket
 import time
 from array import array
+from collections import Counter
 from collections.abc import Iterator, Sequence
-from dataclasses import asdict, dataclass, field, fields
+from dataclasses import asdict, dataclass, field, fields, replace
 from pathlib import Path
 from typing import Any, TextIO
 
@@ -210,7 +211,12 @@ class Orders:
 
 def make_plan(study: Study, limit: int | None = None) -> Plan:
     """The plan of a study; ``limit`` takes its first designs. The same study gives the same plan."""
-    chosen = Designs(tuple(study.variables), design_values(study, limit))
+    return plan_of(study, design_values(study, limit))
+
+
+def plan_of(study: Study, table: np.ndarray) -> Plan:
+    """A plan of given designs, (n_design, n_variable) values of the study's variables."""
+    chosen = Designs(tuple(study.variables), table)
     name = study.settings.baseline
     numbers, bases = array("Q"), array("Q")
     for i, values in enumerate(chosen):
@@ -232,6 +238,24 @@ def make_plan(study: Study, limit: int | None = None) -> Plan:
         baselines=[{"name": name, "key": f"{found[i]:016x}", "points": int(shared[i])} for i in listed],
         different=len(found),
         costs=np.ones(len(numbers), dtype=np.float32),
+    )
+
+
+def joined(first: Plan, second: Plan) -> Plan:
+    """One plan of the designs of two plans of a study, those of the first before the others."""
+    shared: Counter[str] = Counter()
+    for plan in (first, second):
+        shared.update({base["key"]: base["points"] for base in plan.baselines})
+    name = second.settings["baseline"]
+    listed = [{"name": name, "key": key, "points": n} for key, n in shared.most_common(MOST_BASELINES)]
+    whole = max(first.different, second.different) <= MOST_BASELINES  # of which all are listed
+    return replace(
+        second,
+        designs=Designs(second.designs.names, np.vstack([first.designs.values, second.designs.values])),
+        keys=Keys(np.concatenate([first.keys.numbers, second.keys.numbers])),
+        baselines=listed,
+        different=len(shared) if whole else max(first.different, second.different),
+        costs=np.concatenate([first.costs, second.costs]),
     )
 
 

@@ -41,6 +41,7 @@ SYNC_SECONDS = 1.0
 PIECE = 4096  # points of results.nc made at a time
 OPEN_FILES = 64  # journals held open while rows are collected
 ABANDONED = 3600.0  # a temporary file that nobody has written to for so long is a killed run's [s]
+SEARCH = "optimise.json"  # what `sweep optimise` keeps beside the plan
 RECENT = 600.0  # span over which a journal's pace is taken [s]
 UNTRUSTED = frozenset(  # metrics, no trust
     {"UNRESOLVED", "COARSE_STEP", "ENERGY_OPEN", "FEW_HARMONICS", "UNSTABLE", "ROD_NEEDED"}
@@ -591,6 +592,8 @@ def prepare(study: Study, directory: str | Path, limit: int | None = None) -> Pl
     """The folder's plan; written, with the study beside it, when new, longer, or of a changed study."""
     directory = Path(directory)
     path = directory / "plan.json"
+    if searched(directory):
+        raise StoreError(f"{directory} is of `sweep optimise`, which plans its own designs: use another folder")
     if path.is_file():
         known = read_plan(path)
         if known.text == study.text and len(known.designs) >= min(count_designs(study), limit or math.inf):
@@ -601,8 +604,7 @@ def prepare(study: Study, directory: str | Path, limit: int | None = None) -> Pl
         if known.text != study.text:
             log.warning("%s is of an earlier form of this study; points that did not change are kept", path)
     plan = make_plan(study, limit)
-    write_whole(directory / "study.yaml", lambda place: place.write_text(study.text, encoding="utf-8"))
-    write_whole(path, lambda place: write_plan(plan, place))
+    keep_plan(study, plan, directory)
     return plan
 
 
@@ -616,6 +618,17 @@ def contents(directory: str | Path) -> tuple[Study, Plan]:
             f"one. `sweep run {directory}/study.yaml --out {directory}` plans it anew; rows that fit are kept."
         )
     return study, plan
+
+
+def searched(directory: str | Path) -> bool:
+    """Whether a folder is of `sweep optimise`."""
+    return (Path(directory) / SEARCH).is_file()
+
+
+def keep_plan(study: Study, plan: Plan, directory: Path) -> None:
+    """Write a plan, and the study beside it."""
+    write_whole(directory / "study.yaml", lambda place: place.write_text(study.text, encoding="utf-8"))
+    write_whole(directory / "plan.json", lambda place: write_plan(plan, place))
 
 
 def dataset_of(directory: str | Path) -> xr.Dataset:

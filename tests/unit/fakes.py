@@ -100,6 +100,28 @@ def costly(point: Point) -> Record:
     return replace(planned(point), evaluations=100 * 2 ** (point.design // 2), segments=9, seconds=0.1)
 
 
+def known_front(point: Point) -> Record:
+    """Two objectives with a known front over ``x`` and ``y`` in [0, 1]: gamma = 1 - sqrt(delta) at y = 0 (as ZDT1).
+
+    FAKE_BAD: designs whose x is in the middle of so many parts of [0, 1] fail, are untrusted, or say NaN in turn, with
+    objectives that would be on any front. FAKE_SECONDS as in ``planned``.
+    """
+    time.sleep(float(os.environ.get("FAKE_SECONDS", "0")))
+    x, y = point.values["x"], point.values["y"]
+    g = 1 + 9 * y
+    metrics = {"delta": x, "rms": g * (1 - (x / g) ** 0.5), "stroke": x + y}
+    parts = int(os.environ.get("FAKE_BAD", "0"))
+    status, place = "OK", x * parts % 1
+    if parts and 0.25 < place < 0.5:
+        status = ("DIVERGED", "UNRESOLVED", "OK")[int(x * parts) % 3]
+        better = float("nan") if status != "UNRESOLVED" else -9999.0
+        metrics = dict.fromkeys(metrics, better)
+    return Record(
+        key=point.key, design=point.design, environment=point.environment, values=point.values, status=status,
+        metrics=metrics,
+    )  # fmt: skip
+
+
 def tell(point: Point) -> Record:
     """What the environment holds of launchers and threads."""
     found = [

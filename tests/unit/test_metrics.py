@@ -303,5 +303,6 @@ def test_every_metric_is_described():
     assert find_metric("gamma_worst") is METRICS["gamma"]
     assert find_metric("delta_spread") is METRICS["delta"]
     assert find_metric("delta_ensemble_worst") is METRICS["delta"]
-    assert [split_name(name)[0] for name in ("delta", "gamma_ensemble", "stroke_2_mean")] == ["delta", "gamma", "stroke_2"]
+    names = ("delta", "gamma_ensemble", "stroke_2_mean")
+    assert [split_name(name)[0] for name in names] == ["delta", "gamma", "stroke_2"]
     assert find_metric("delta_2") is None
