@@ -264,7 +264,7 @@ POINTS, BARE = ("locked masses", "points"), ("nothing", "-")
 
 def show_tuning(tuning: Tuning, tried: list[tuple[float, float, float]], segments: int) -> None:
     least, frequency, ratio = min(one for one in tried if math.isfinite(one[0]))
-    print(f"N = {segments}. Modes of the nominal cable with locked masses; shares in the bare cable's x2 after it\n")
+    print(f"N = {segments}. Modes with locked masses, their shares in the bare cable's x2 after the pulse\n")
     table(["mode", *map(str, range(1, MODES + 1))], [
         ["Hz", *(f"{f:.3f}" for f in tuning.frequencies)], ["share", *(f"{s:.1%}" for s in tuning.shares)],
     ])  # fmt: skip

@@ -127,6 +127,7 @@ def metrics() -> None:
         for m in config.METRICS.values()
     ]
     say(report.table("", ("metric", "unit", "better", "definition", "equation"), rows, Console()))
+    say(f"\n{report.SUFFIXES}")
 
 
 @app.command()

@@ -294,8 +294,6 @@ class Sampler:
     def _countable(self) -> Sampler:
         if self.kind not in ("grid", "given") and self.n is None:
             raise ValueError(f"`n` is required with `kind: {self.kind}`")
-        if self.kind == "given" and self.n is not None:
-            raise ValueError("`n` has no say over given designs: leave it out, and use --limit for the first ones")
         if self.kind != "given" and (self.values or self.file):
             raise ValueError("`values` and `file` belong to `kind: given`")
         if self.kind != "grid" and self.levels:
@@ -935,6 +933,8 @@ def _check_given(draft: Draft, sampler: Sampler) -> None:
     if not draft.sure("sampler", "values") or draft.names is None:
         return
     names, variables = draft.names, draft.get("variables", {})
+    if sampler.n is not None:
+        draft.add("sampler.n", sampler.n, "has no say over given designs", "remove it; --limit runs the first ones")
     if not sampler.values:
         draft.add("sampler", ABSENT, "given designs need `file` or `values`", "e.g. {kind: given, file: out/front.nc}")
         return

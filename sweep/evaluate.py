@@ -211,7 +211,7 @@ def _evaluate(point: Point) -> tuple[Record, Response]:
     metrics = compute(summary, base, devices)
     if settings.repeats and summary is not None:
         metrics |= _spreads(point, response, base, metrics)
-    if settings.uncertainty is not None and summary is not None:
+    if settings.uncertainty is not None and summary is not None and response.trusted:
         found, why = _uncertainty(point, run, base, compute(summary, base, devices))
         metrics, message = metrics | found, _join(message, why)
     record = Record(

@@ -151,7 +151,6 @@ _CURES = (
     (r"(`rod: cords` is .*)", "rod", ""),
     (r"(`t` has .*|`z` has .*|`\w` must increase)", "", "one entry for each, in increasing order"),
     (r"(`shape` belongs to .*)", "shape", "write `kind: given` and `shape: [[x, y, z], ...]`, or neither"),
-    (r"(`n` has no say .*): leave .*", "n", "leave it out, and use --limit for the first ones"),
     (r"(`values` and `file` belong .*)", "", "write `kind: given`, or remove them"),
     (r"(`(?:n|levels)` .*)", "", "e.g. {kind: sobol, n: 100} or {kind: grid, n: 5}"),
 )

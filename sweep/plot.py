@@ -24,6 +24,8 @@ from matplotlib.lines import Line2D
 from matplotlib.ticker import LogLocator, MaxNLocator
 
 from . import pareto
+from .across import across
+from .across_plot import plot_histories, plot_spectra
 from .histories import (
     plot_energy,
     plot_envelope,
@@ -442,6 +444,16 @@ PLOTS: dict[str, Kind] = {
     ),
     "response": Kind(
         plot_response, responses, "periodic response along the first variable, stability and folds (slow)", dear=True
+    ),
+    "histories": Kind(
+        plot_histories,
+        across,
+        "displacement at the probe in every environment, with and without devices: figure 14 (slow)",
+        dear=True,
+        single=True,
+    ),
+    "spectra": Kind(
+        plot_spectra, across, "its spectra in every environment: figure 13 (slow)", dear=True, single=True
     ),
     "force-law": Kind(plot_force_law, lambda d: force_laws(), "force of a sink: springs against cords"),
     "force-angle": Kind(

@@ -31,6 +31,10 @@ ROW_BYTES = 2500  # a journal's row and its share of results.nc
 MOST_WRITERS = 100  # that a table lists
 SETTLED, MARCHED = ("harmonics", "multiplier"), ("steps_per_period",)  # columns of harmonic balance, of a march
 
+SUFFIXES = """Over several environments: <metric>_mean, _worst, and _qNN, the quantile below which NN % of them lie; the
+bad tail is q10 where more is better and q90 where less is. With `uncertainty` in the study: <metric>_sd, its standard
+uncertainty; with `repeats`: <metric>_spread of the objectives, half their range over perturbed runs."""
+
 log = logging.getLogger(__name__)
 
 

@@ -21,7 +21,7 @@ LAYERS = [  # a file imports from layers above its own line or from its own line
     "store",
     "locks distribute resolve",
     "report",
-    "run series labels histories plot chart chart_plot stability stability_plot optimise",
+    "run series labels histories plot chart chart_plot stability stability_plot optimise across across_plot",
     "submit",
     "cli",
     "__main__",

@@ -135,10 +135,31 @@ def response(panels=2, curves=3):
     )
 
 
+def environments(n=5):
+    """The made-up series in several environments, as `across` gives them."""
+    one, spectra = series(), spectrum(series())
+    found = xr.Dataset(
+        coords={
+            "environment": [f"sea seed {i + 1}" for i in range(n)],
+            "time": one["time"],
+            "frequency": spectra["frequency"],
+        },
+        attrs={"s": 3.3, "design": 3, "baseline": "locked", "pulse_end": 0.5, "left_out": 2},
+    )
+    for name in ("displacement", "baseline_displacement"):
+        history = np.stack([one[name].values[:, 3] * (1 + i) for i in range(n)])
+        found[name] = (("environment", "time"), history, {"units": "m"})
+        amplitudes = np.stack([spectra[name].values] * n)
+        found[f"{name}_amplitude"] = (("environment", "frequency"), amplitudes, spectra[name].attrs)
+    found["rms_probe_reduction"] = ("environment", [0.5, -0.2, np.nan, 0.0, 0.1][:n])
+    found["status"] = ("environment", np.array(["OK", "OK", "ENERGY_OPEN", "OK", "OK"][:n], object))
+    return found
+
+
 DATA = {"loop": loops, "response": response}
 DATA |= {"wavelet": lambda: wavelet(series()), "spectrum": lambda: spectrum(series())}
 DATA |= dict.fromkeys(("front", "parallel", "ea"), study)
-DATA |= {"profile": profiles}
+DATA |= {"profile": profiles} | dict.fromkeys(("histories", "spectra"), environments)
 DATA |= {"force-law": force_laws, "force-angle": lambda: force_laws((0.0, 5.0, 10.0))}
 
 
@@ -339,7 +360,15 @@ def test_responses_fit_their_paper(panels, curves):
 
 
 def test_all_leaves_out_what_is_dear():
-    assert [name for name, entry in PLOTS.items() if entry.dear] == ["response"]
+    assert [name for name, entry in PLOTS.items() if entry.dear] == ["response", "histories", "spectra"]
+
+
+def test_environments_say_what_became_of_them():
+    text = words(drawn("histories"))
+    for part in ("RMS 50% less", "RMS 20% more", "untrusted: ENERGY_OPEN", "2 more environments not shown"):
+        assert part in text
+    alone = environments(1).drop_vars(["baseline_displacement", "baseline_displacement_amplitude"])
+    assert all("baseline" not in words(drawn(kind, alone)) for kind in ("histories", "spectra"))
 
 
 @pytest.mark.parametrize("kind", ["history", "envelope"])
