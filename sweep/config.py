@@ -23,6 +23,7 @@ from solvers import Ask, Scene
 from solvers.scene import NonNegative, Number, Positive, record
 from solvers.settled import why_not
 
+from .fatigue import Fatigue, Limits
 from .fields import SCENE, Expression, FieldError, apart, assign, deep_merge, lookup, parse
 from .mend import Place, Reading, follows, match_keys, plain, read
 from .mistakes import ABSENT, ConfigError, Mistake, faults, nearest, unknown_key
@@ -54,6 +55,7 @@ class Metric(NamedTuple):
     equation: str  # of paper 003, corrected; '' where it has none
     function: Callable[..., Any]
     per_device: bool = False  # also reported for each device as <name>_1, <name>_2, ...
+    needs: str = ""  # field of the study's `metrics` without which it is NaN
 
 
 METRICS: dict[str, Metric] = {}  # filled by sweep.metrics, which is imported with the package
@@ -185,6 +187,8 @@ class MetricsSection:
     pulse_end: NonNegative = 0.0  # RMS values count from here [s]
     baseline: Baseline = "locked"
     probe: NonNegative | None = None  # arc length of a probe [m]
+    limits: Limits | None = None  # breaking load and minimum bend radius
+    fatigue: Fatigue | None = None  # the cable's critical layer and its curve
 
     @model_validator(mode="after")
     def _ordered(self) -> MetricsSection:
@@ -691,12 +695,22 @@ def _check_objectives(draft: Draft) -> None:
         elif metric.direction is None:
             problem = "neither more nor less of it is better, so it cannot be an objective"
             draft.add(where, name, problem, f"allowed: {', '.join(good)}")
+        elif metric.needs and not _given(draft, metric.needs):
+            draft.add(where, name, f"cannot be read without `metrics.{metric.needs}`", "give it, or drop the objective")
         elif name not in METRICS and name.endswith(("_mean", "_worst")) and not aggregated:
             draft.add(where, name, "aggregates need at least two `environments`")
         if name in objectives[:i]:
             draft.add(where, name, "is given twice")
     if not objectives:
         draft.add("objectives", ABSENT, "needs at least one metric", f"allowed: {', '.join(good)}")
+
+
+def _given(draft: Draft, path: str) -> bool:
+    """Whether a field of the study's `metrics` is given, or may be where a mistake hides it."""
+    here = draft.get("metrics")
+    for name in path.split("."):
+        here = getattr(here, name, None)
+    return here is not None or not draft.sure("metrics", *path.split("."))
 
 
 def _check_extremes(draft: Draft, sound: Sound) -> None:

@@ -12,7 +12,7 @@ import pytest
 ROOT = Path(__file__).resolve().parents[2]
 FILES = sorted([*(ROOT / "solvers").rglob("*.py"), *(ROOT / "sweep").rglob("*.py")])
 LAYERS = [  # a file imports from layers above its own line or from its own line, never from below
-    "point fields mistakes mend",
+    "point fields mistakes mend fatigue",
     "config",
     "metrics space pareto",
     "evaluate child",
