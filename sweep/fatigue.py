@@ -13,7 +13,9 @@ and Manson; Morrow's mean stress is left out).
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from dataclasses import replace
+from functools import partial
 from typing import Literal, NamedTuple
 
 import numpy as np
@@ -179,8 +181,8 @@ def _unit(x: np.ndarray) -> np.ndarray:
 
 def fibres(
     signals: Mapping[str, np.ndarray], inside: slice, cable: Sequence[Section], ends: Sequence[End], given: Fatigue
-) -> Iterator[tuple[float, np.ndarray]]:
-    """Arc length of a node and (nt,) stress [Pa] of a fibre there, for all nodes and fibres that are cable.
+) -> Iterator[tuple[float, Callable[[], np.ndarray]]]:
+    """Arc length of a node and what makes the (nt,) stress [Pa] of a fibre there, for all nodes and fibres of cable.
 
     The tension of a node is the mean of its two segments', that of the cable's side beside a rigid rod.
     """
@@ -188,20 +190,22 @@ def fibres(
     tension, bend = signals["tension"][inside], bending(signals, inside, ends)
     edges = np.cumsum([section.length for section in cable])
     kind = np.searchsorted(edges[:-1], (arc[1:] + arc[:-1]) / 2 - arc[0], side="right")
-    for i in range(len(arc)):
-        sides = [e for e in (i - 1, i) if 0 <= e < len(soft) and soft[e]]
-        if not sides:
-            continue  # within a rod
+
+    def stress(i: int, sides: Sequence[int], angle: float) -> np.ndarray:
         pull = np.zeros(len(tension))
         for e in sides:
             factor = given.tension_factor
             pull += tension[:, e] * (given.E / cable[kind[e]].EA if factor is None else factor) / len(sides)
         r = max(cable[kind[e]].d for e in sides) / 2 if given.fibre is None else given.fibre
-        k1, k2 = bend[:, i, 0], bend[:, i, 1]
-        flat = np.abs(k2).max(initial=0.0) <= FLAT * np.abs(k1).max(initial=0.0)
-        for angle in np.arange(0, 2 * math.pi, math.pi if flat else 2 * math.pi / ANGLES):
-            curve = k1 * math.cos(angle) + k2 * math.sin(angle)
-            yield float(arc[i]), given.concentration * (pull + given.E * r * curve)
+        curve = bend[:, i, 0] * math.cos(angle) + bend[:, i, 1] * math.sin(angle)
+        return given.concentration * (pull + given.E * r * curve)
+
+    for i in range(len(arc)):
+        sides = [e for e in (i - 1, i) if 0 <= e < len(soft) and soft[e]]  # none within a rod
+        first, second = np.abs(bend[:, i]).max(axis=0, initial=0.0)
+        step = math.pi if second <= FLAT * first else 2 * math.pi / ANGLES
+        for angle in np.arange(0, 2 * math.pi - 1e-9, step) if sides else ():
+            yield float(arc[i]), partial(stress, i, sides, angle)
 
 
 # --------------------------------------------------------------------------- counting
@@ -231,6 +235,26 @@ def closed(x: np.ndarray) -> np.ndarray:
     """Samples of whole periods, without the one that repeats the first, from their maximum round to it again."""
     top = int(np.argmax(x))
     return np.concatenate((x[top:], x[: top + 1]))
+
+
+def most_damage(x: np.ndarray, given: Fatigue) -> float:
+    """What no cycle count of a history exceeds: the highest peak with the lowest valley, the next with the next, ...
+
+    A count gives every turn at most one cycle, so that it is a mean of pairings; of those the sorted one has the
+    greatest sum of a convex function of the ranges, which 1/N is on a single slope of 1 or more and in strain-life
+    (an S-N curve with a knee lies below its first slope). Means count as the greatest stress.
+    """
+    points = turning_points(x)
+    if len(points) < 2:
+        return 0.0
+    up = int(points[0] < points[1])
+    peaks, valleys = np.sort(points[up::2])[::-1], np.sort(points[1 - up :: 2])
+    n = max(len(peaks), len(valleys))
+    spans = np.full(n, np.ptp(points))
+    if given.curve == "strain_life" or (given.m or 0.0) >= 1:
+        peaks, valleys = (np.append(x, np.repeat(x[:1], n - len(x))) for x in (peaks, valleys))
+        spans = np.maximum(np.sort(peaks)[::-1] - np.sort(valleys), 0.0)
+    return float(replace(given, m2=None, knee=None).damage(spans, peaks[0]).sum())
 
 
 def damage_of(x: np.ndarray, given: Fatigue, settled: bool) -> tuple[float, float]:
@@ -266,15 +290,12 @@ def wear(
         seconds = period * math.floor(seconds / period * (1 + 1e-9))
         stop = inside.indices(len(t))[1]
         inside = slice(stop - max(3, round(seconds / step)), stop)
-    histories: list[tuple[float, float, np.ndarray]] = []
-    for s, x in fibres(signals, inside, cable, ends, given):
-        points = turning_points(x)
-        most = given.damage(np.ptp(points), points.max())
-        histories.append((float(most) * (len(points) + 1) / 2, s, x))
+    bounds = [(most_damage(stress(), given), s, stress) for s, stress in fibres(signals, inside, cable, ends, given)]
     worst, where, number, history = -1.0, NAN, 0.0, np.zeros(0)
-    for bound, s, x in sorted(histories, key=lambda entry: -entry[0]):
+    for bound, s, stress in sorted(bounds, key=lambda entry: -entry[0]):
         if bound <= worst:  # neither this history nor any after it can do more
             break
+        x = stress()
         damage, cycles = damage_of(x, given, settled)
         if damage > worst:
             worst, where, number, history = damage, s, cycles, x

@@ -12,7 +12,7 @@ from test_config import mistakes, study
 
 from solvers import Section
 from sweep.config import MetricSettings, parse_study
-from sweep.fatigue import YEAR, Fatigue, Limits, bending, closed, count, turning_points, wear
+from sweep.fatigue import YEAR, Fatigue, Limits, bending, closed, count, damage_of, most_damage, turning_points, wear
 from sweep.metrics import compute, summarise
 from sweep.space import point_key
 
@@ -136,6 +136,18 @@ def test_the_worst_place_is_that_of_a_search_over_all():
             cycles = count(1e11 * (pull / CABLE[0].EA + 0.02 * side * bend[:, i, 0]))
             best = max(best, float((cycles[:, 2] * (cycles[:, 0] / 1e6) ** 3).sum() / 1e12))
     assert found.damage == pytest.approx(best, rel=1e-12)
+
+
+KNEE = dataclasses.replace(SN, m2=5.0, knee=1e6, ultimate=3e9)
+
+
+@pytest.mark.parametrize("curve", [SN, LIFE, KNEE], ids=["sn", "life", "knee"])
+@pytest.mark.parametrize("seed", range(8))
+def test_no_count_exceeds_its_bound(curve, seed):
+    draw = np.random.default_rng(seed)
+    x = 1e8 * np.cumsum(draw.standard_normal(300 + seed)) * 0.1 + 3e8 * draw.standard_normal(300 + seed)
+    for settled in (False, True):
+        assert 0 < damage_of(x, curve, settled)[0] <= most_damage(x, curve)
 
 
 def test_bending_in_space_turns_with_the_cable():
