@@ -378,7 +378,8 @@ def plot(
         str | None, typer.Option(metavar="best|KEY", help="the point to show, in figures of one point")
     ] = None,
     over: Annotated[
-        list[str] | None, typer.Option(metavar="KEY", help="profile: lay this point over it; may be given again")
+        list[str] | None,
+        typer.Option(metavar="KEY", help="profile, compare: lay this point over it; may be given again"),
     ] = None,
 ) -> None:
     """Draw a figure into DIR/figures."""

@@ -12,7 +12,7 @@ import pytest
 ROOT = Path(__file__).resolve().parents[2]
 FILES = sorted([*(ROOT / "solvers").rglob("*.py"), *(ROOT / "sweep").rglob("*.py")])
 LAYERS = [  # a file imports from layers above its own line or from its own line, never from below
-    "point fields mistakes mend fatigue",
+    "point fields mistakes mend fatigue signals",
     "config",
     "metrics space pareto",
     "evaluate child",
@@ -20,7 +20,7 @@ LAYERS = [  # a file imports from layers above its own line or from its own line
     "store",
     "locks distribute resolve",
     "report",
-    "run series labels histories plot chart chart_plot stability stability_plot",
+    "run series flows labels histories signal_plots plot chart chart_plot stability stability_plot",
     "submit",
     "cli",
     "__main__",
@@ -75,6 +75,8 @@ def offenders(who: str, whom: str, but: tuple[str, ...] = ()) -> list[str]:
         ("sweep.plot", "solvers"),
         ("sweep.histories", "solvers"),
         ("sweep.labels", "solvers"),
+        ("sweep.signals", "solvers"),
+        ("sweep.signal_plots", "solvers"),
     ],
 )
 def test_who_does_not_know_whom(who, whom):
