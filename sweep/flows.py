@@ -6,6 +6,7 @@ u displacement from static, K and M stiffness and mass of the plain cable about 
 
 from __future__ import annotations
 
+import math
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -23,12 +24,14 @@ from .evaluate import evaluate_with_series, run_trusted
 from .metrics import LEDGER, LOSSES
 from .point import Point
 from .series import of_point
-from .signals import Modes, modal_energies, modes
+from .signals import Modes, modal_energies, modes, share_above
 from .space import baseline_scene
 
 FINER = 10  # outputs of a flow in one of the study's: impacts last a millisecond
 MOST_TIMES = 2000  # of a figure
 MOST_NODES = 240  # of the cable whose modes are taken
+ABOVE = math.sqrt(2)  # times the excitation's highest frequency: modes further up are not forced directly
+CUTS = 1.0, ABOVE, 2.0, 4.0, 8.0  # of which shares are given
 
 
 # --------------------------------------------------------------------------- cable and devices
@@ -151,9 +154,10 @@ def modal(point: Point) -> xr.Dataset:
     Returns
     -------
     dataset with ``modal_energy`` and ``baseline_modal_energy`` (time, mode) [J], ``mechanical`` and
-    ``baseline_mechanical`` (time) [J], ``frequency`` (mode) [Hz]; attribute ``cut`` [Hz], the excitation's highest
-    frequency, ``before``, ``after``, ``baseline_before``, ``baseline_after``: share of the time integral of the modal
-    energy that is in modes above `cut`, until the pulse's end and after it
+    ``baseline_mechanical`` (time) [J], ``frequency`` (mode) [Hz]; ``before`` and ``after`` (above): share of the time
+    integral of the modal energy that is in modes above a frequency, until the pulse's end and after it, and
+    ``baseline_before``, ``baseline_after``; attribute ``cut`` [Hz], half an octave above the excitation's highest
+    frequency, so that no mode above it is forced directly
 
     Raises
     ------
@@ -164,14 +168,18 @@ def modal(point: Point) -> xr.Dataset:
     if raw.sizes.get("time", 0) < 3:
         raise ValueError(f"the run of {point.key} leaves no history: {record.status}, {record.message}")
     line = Line(baseline_scene(point.scene, "plain"), min(raw.sizes["segment"], MOST_NODES))
-    cut = line.top or float(line.modes.frequency[min(2, len(line.modes.omega) - 1)])
+    top = line.top or float(line.modes.frequency[min(2, len(line.modes.omega) - 1)])
     every = slice(None, None, max(1, raw.sizes["time"] // MOST_TIMES))
     t = raw["time"].values
     joule: dict[str, Any] = {"units": "J", "long_name": "energy of a mode"}
+    hertz = {"units": "Hz", "long_name": "frequency above which energy is counted"}
+    cuts = top * np.array(CUTS)
     found = xr.Dataset(
-        coords={"time": ("time", t[every], {"units": "s", "long_name": "time"})},
+        coords={
+            "time": ("time", t[every], {"units": "s", "long_name": "time"}), "above": ("above", cuts, hertz),
+        },
         attrs={
-            "cut": cut, "design": point.design, "status": record.status, "baseline": point.settings.baseline,
+            "cut": ABOVE * top, "design": point.design, "status": record.status, "baseline": point.settings.baseline,
             "pulse_end": point.settings.pulse_end, "devices": len(point.scene.devices),
         },
     )  # fmt: skip
@@ -184,11 +192,12 @@ def modal(point: Point) -> xr.Dataset:
         mechanical = np.sum([raw[prefix + name].values for name in ("kinetic", "strain", "gravity")], axis=0)
         found[f"{new}modal_energy"] = (("time", "mode"), energy[every].astype(np.float32), joule)
         found[f"{new}mechanical"] = ("time", mechanical[every], joule | {"long_name": "mechanical energy"})
-        high, pulse = line.modes.frequency > cut, point.settings.pulse_end
+        pulse = point.settings.pulse_end
         for name, inside in (("before", t <= pulse), ("after", t >= pulse)):
-            whole = float(np.trapezoid(energy[inside].sum(axis=1), t[inside]))
-            above = float(np.trapezoid(energy[inside][:, high].sum(axis=1), t[inside]))
-            found.attrs[f"{new}{name}"] = above / whole if whole > 0 else np.nan
+            whole = np.trapezoid(energy[inside], t[inside], axis=0)
+            shares = [float(share_above(line.modes.frequency, whole[None], f)[0]) for f in cuts]
+            about = {"units": "1", "long_name": f"share of the modal energy above a frequency, {name} the pulse's end"}
+            found[f"{new}{name}"] = ("above", shares, about)
     return found
 
 

@@ -15,7 +15,7 @@ from matplotlib.lines import Line2D
 from matplotlib.ticker import LogLocator
 
 from .histories import base_label, design_label, head, moving_devices, pulse, title
-from .labels import BASE, BEST, DESIGN, FAIR, PINK, SKY, YELLOW, draw_in, draw_on, label, pretty_unit
+from .labels import BASE, BEST, DESIGN, FAIR, PINK, SKY, YELLOW, draw_in, draw_on, label
 
 DEVICES = (DESIGN, BEST, FAIR, PINK, YELLOW, SKY)
 OVER = (BEST, FAIR, PINK, YELLOW, SKY)
@@ -74,10 +74,10 @@ def plot_power(spectra: xr.Dataset, ax: Axes | None = None) -> Axes:
     ax.xaxis.set_major_locator(LogLocator(subs=(1, 2, 5)))
     ax.xaxis.set_major_formatter("{x:g}")
     ax.xaxis.set_minor_formatter("")
-    ax.set_ylim(1e-9 * most or 1e-12, 3 * most or 1.0)
+    ax.set_ylim(1e-7 * most or 1e-12, 3 * most or 1.0)
     seen = np.zeros(len(f), dtype=bool)
     for array in spectra.data_vars.values():
-        seen |= array.values > 1e-9 * most
+        seen |= array.values > 1e-7 * most
     ax.set_xlim(f[1], f[np.flatnonzero(seen)[-1]] if seen.any() else f[-1])
     ax.set_xlabel(label(spectra["frequency"]))
     ax.set_ylabel(label(spectra["displacement"]))
@@ -177,7 +177,7 @@ def plot_modes(found: xr.Dataset, figure: Figure | None = None) -> Figure:
     """Energy of the plain cable's modes over time, and how much of it is above the excitation's frequencies."""
     maps = [(new, text) for new, text in (("baseline_", base_label(found)), ("", design_label(found)))
             if f"{new}modal_energy" in found]  # fmt: skip
-    figure = draw_in(figure, (8.6, 2.6 * len(maps) + 4.4))
+    figure = draw_in(figure, (8.0, 2.6 * len(maps) + 4.6))
     panels = figure.subplots(len(maps) + 2, 1, sharex=True, height_ratios=[1.25] * len(maps) + [1, 1])
     t, f, cut = found["time"].values, found["frequency"].values, float(found.attrs["cut"])
     energy = {new: found[f"{new}modal_energy"].values for new, _ in maps}
@@ -196,30 +196,36 @@ def plot_modes(found: xr.Dataset, figure: Figure | None = None) -> Figure:
         ax.set_title(text, fontsize=9, pad=3)
     figure.colorbar(mesh, ax=list(panels[: len(maps)]), label="energy of a mode [J]", pad=0.02)
     share, above = panels[-2:]
-    for new, text in maps:
+    texts = []
+    for new, _ in maps:
         e, high = energy[new], f > cut
         total, part = e.sum(axis=1), e[:, high].sum(axis=1)
         ratio = np.divide(part, total, out=np.full(len(t), np.nan), where=total > 1e-6 * total.max())
         colour, width = (BASE, 1.6) if new else (DESIGN, 1.0)
-        before, after = (100 * float(found.attrs[f"{new}{name}"]) for name in ("before", "after"))
-        share.plot(t, 100 * ratio, color=colour, linewidth=width, label=f"{text}:\n{before:.3g} % in the pulse, "
-                   f"{after:.3g} % after it")  # fmt: skip
-        above.plot(t, np.maximum(part, 1e-12), color=colour, linewidth=width, label=f"above {cut:.3g} Hz")
-        above.plot(t, np.maximum(total, 1e-12), color=colour, linewidth=width, linestyle="dotted", label="all modes")
-        if f"{new}mechanical" in found and not new:
-            ledger = found["mechanical"].values
-            above.plot(t, np.maximum(ledger, 1e-12), color="black", linewidth=0.7, linestyle=(0, (1, 1)),
-                       label="ledger, with devices")  # fmt: skip
+        before, after = (
+            100 * float(found[f"{new}{name}"].sel(above=cut, method="nearest")) for name in ("before", "after")
+        )
+        texts.append(f"{'baseline' if new else 'design'} {before:.3g} % in the pulse, {after:.3g} % after it")
+        share.plot(t, 100 * ratio, color=colour, linewidth=width)
+        above.plot(t, np.maximum(part, 1e-12), color=colour, linewidth=width)
+        above.plot(t, np.maximum(total, 1e-12), color=colour, linewidth=width, linestyle="dotted")
+    if "mechanical" in found:
+        above.plot(t, np.maximum(found["mechanical"].values, 1e-12), color=BEST, linewidth=0.9, linestyle="dashed")
     share.set_ylim(0, 100)
     share.set_ylabel(f"above {cut:.3g} Hz [%]")
+    share.set_title("; ".join(texts), fontsize=9, pad=3)
     above.set_yscale("log")
     biggest = max(float(e.sum(axis=1).max()) for e in energy.values()) or 1.0
-    above.set_ylim(1e-5 * biggest, 2 * biggest)
-    above.set_ylabel(f"energy [{pretty_unit('J')}]")
+    above.set_ylim(1e-4 * biggest, 2 * biggest)
+    above.set_ylabel("energy [J]")
     above.set_xlabel(label(found["time"]))
     above.set_xlim(t[0], t[-1])
     for ax in (share, above):
         pulse(ax, found)
-        ax.legend(loc="upper left", bbox_to_anchor=(1.0, 1.0))
     head(figure, found)
+    handles = [Line2D([], [], color=BASE, linewidth=2, label="baseline"), Line2D([], [], color=DESIGN, label="design"),
+               Line2D([], [], color="0.3", label=f"modes above {cut:.3g} Hz"),
+               Line2D([], [], color="0.3", linestyle="dotted", label="all modes"),
+               Line2D([], [], color=BEST, linestyle="dashed", label="ledger of the design, with devices")]  # fmt: skip
+    figure.legend(handles=handles, loc="outside lower center", ncols=3)
     return figure
