@@ -134,10 +134,14 @@ class Variable:
 
 @record
 class Sampler:
-    """How designs are drawn. ``random`` and ``sobol`` designs do not change when ``n`` grows."""
+    """How designs are drawn. ``random``, ``sobol`` and ``saltelli`` designs do not change when ``n`` grows.
 
-    kind: Literal["grid", "random", "lhs", "sobol"] = "sobol"
-    n: Count | None = None  # designs; for a grid, levels of each axis
+    With d variables ``saltelli`` (for Sobol indices) has n blocks of d + 2 designs, ``morris`` (a screening) n
+    trajectories of d + 1; ``sweep sensitivity`` reads both.
+    """
+
+    kind: Literal["grid", "random", "lhs", "sobol", "saltelli", "morris"] = "sobol"
+    n: Count | None = None  # designs; for a grid, levels of each axis; saltelli: blocks; morris: trajectories
     seed: Whole = 0
     levels: dict[str, Count] = Field(default_factory=dict)  # grid: levels of single axes
 

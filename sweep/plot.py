@@ -40,6 +40,7 @@ from .histories import (
     plot_wavelet,
 )
 from .labels import BEST, DESIGN, MAP, STYLE, UP, WORDS, draw_in, draw_on, metric_label, variable_label
+from .sensitivity import sensitivity_of
 from .series import (
     chosen_key,
     compared,
@@ -59,6 +60,7 @@ from .signal_plots import (
     plot_modes,
     plot_phase,
     plot_power,
+    plot_sensitivity,
     plot_stroke_wavelet,
 )
 from .store import open_study, outcome, write_whole
@@ -473,6 +475,10 @@ PLOTS: dict[str, Kind] = {
     ),
     "response": Kind(
         plot_response, responses, "periodic response along the first variable, stability and folds (slow)", dear=True
+    ),
+    "sensitivity": Kind(
+        plot_sensitivity, sensitivity_of, "sensitivity of the objectives to each variable (see `sweep sensitivity`)",
+        dear=True,
     ),
     "force-law": Kind(plot_force_law, lambda d: force_laws(), "force of a sink: springs against cords"),
     "force-angle": Kind(

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import difflib
+import json
 import logging
 import re
 import time
@@ -181,6 +182,22 @@ def front_table(
     units = [f"{name} [{dataset[name].attrs.get('units', '?')}]" for name in variables]
     title = f"front: {len(rows)} of {dataset.sizes[index]} designs"
     return table(title, ("key", *units, *objectives, ""), rows, console)
+
+
+def sensitivities(found: xr.Dataset, console: Console) -> str:
+    """A table of indices for each metric, and what they leave out."""
+    what = {"saltelli": "blocks", "morris": "trajectories", "given": "points"}[str(found.attrs["kind"])]
+    entries = [str(name) for name in found.data_vars if found[name].dims == ("metric", "variable")]
+    parts = []
+    for k, metric in enumerate(found["metric"].values):
+        here = found.isel(metric=k)
+        rows = [(str(v), *(float(here[e][j]) for e in entries)) for j, v in enumerate(found["variable"].values)]
+        used = f"{int(here['complete'])} of {int(here['blocks'])} {what}"
+        title = f"{metric}: {used} of a {found.attrs['sampler']} design"
+        parts.append(table(title, ("variable", *(e.replace("_conf", " ±") for e in entries)), rows, console))
+        parts += [f"  {sentence}" for sentence in json.loads(str(here["notes"].values))["notes"]]
+        parts.append("")
+    return "\n".join(parts).rstrip()
 
 
 def one_point(dataset: xr.Dataset, key: str, criterion: bool = False) -> str:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from pathlib import Path
 from typing import Any
 
 import matplotlib
@@ -15,7 +16,8 @@ from matplotlib.lines import Line2D
 from matplotlib.ticker import LogLocator
 
 from .histories import base_label, design_label, head, moving_devices, pulse, title
-from .labels import BASE, BEST, DESIGN, FAIR, PINK, SKY, YELLOW, draw_in, draw_on, label
+from .labels import BASE, BEST, DESIGN, FAIR, PINK, SKY, STYLE, YELLOW, draw_in, draw_on, label, metric_unit
+from .store import write_whole
 
 DEVICES = (DESIGN, BEST, FAIR, PINK, YELLOW, SKY)
 OVER = (BEST, FAIR, PINK, YELLOW, SKY)
@@ -229,3 +231,65 @@ def plot_modes(found: xr.Dataset, figure: Figure | None = None) -> Figure:
                Line2D([], [], color=BEST, linestyle="dashed", label="ledger of the design, with devices")]  # fmt: skip
     figure.legend(handles=handles, loc="outside lower center", ncols=3)
     return figure
+
+
+# --------------------------------------------------------------------------- sensitivity
+
+
+def plot_sensitivity(found: xr.Dataset, figure: Figure | None = None) -> Figure:
+    """Indices of each variable for each metric, with their intervals; of a screening mu* against sigma."""
+    names, variables = found["metric"].values, found["variable"].values
+    columns = min(len(names), 3)
+    rows = math.ceil(len(names) / columns)
+    screening = found.attrs["kind"] == "morris"
+    wide = max(3.6, 0.75 * len(variables) + 1.2)
+    figure = draw_in(figure, (max(wide * columns, 5.0), (3.4 if screening else 3.1) * rows + 0.7))
+    panels = figure.subplots(rows, columns, squeeze=False).ravel()
+    place = np.arange(len(variables))
+    for k, (ax, name) in enumerate(zip(panels, names, strict=False)):
+        here = found.isel(metric=k)
+        what = {"saltelli": "blocks", "morris": "trajectories", "given": "points"}[str(found.attrs["kind"])]
+        used = f"{int(here['complete'])} of {int(here['blocks'])} {what}"
+        ax.set_title(f"{name}, {used}", fontsize=9, pad=3)
+        if screening:
+            x, y = here["mu_star"].values, here["sigma"].values
+            ax.errorbar(x, y, xerr=here["mu_star_conf"].values, fmt="o", color=DESIGN, ecolor="0.5", capsize=2.5)
+            for j, variable in enumerate(variables):
+                if np.isfinite(x[j]):
+                    ax.annotate(str(variable), (x[j], y[j]), xytext=(5, 5), textcoords="offset points", fontsize=9)
+            unit = metric_unit(str(name))
+            ax.set_xlabel(f"mean size of the effect, μ* [{unit}]")
+            ax.set_ylabel(f"its standard deviation, σ [{unit}]")
+            ax.set_xlim(left=0)
+            ax.set_ylim(bottom=0)
+        else:
+            looks = [("S1", -0.17, DESIGN, "o"), ("ST", 0.17, BEST, "s")] if "ST" in found else [("S1", 0, DESIGN, "o")]
+            for entry, shift, colour, marker in looks:
+                ax.errorbar(place + shift, here[entry].values, yerr=here[f"{entry}_conf"].values, fmt=marker,
+                            color=colour, ecolor=colour, elinewidth=1.0, capsize=3)  # fmt: skip
+            ax.axhline(0, color="0.8", linewidth=0.6, zorder=0)
+            ax.set_xticks(place, [str(v) for v in variables], rotation=30 if len(variables) > 4 else 0)
+            ax.set_xlim(-0.6, len(variables) - 0.4)
+            if k % columns == 0:
+                ax.set_ylabel("share of the variance [-]")
+        if not np.isfinite(here["variance"].values):
+            ax.text(0.5, 0.5, "no indices", transform=ax.transAxes, ha="center", color="0.4")
+    for ax in panels[len(names) :]:
+        ax.remove()
+    figure.suptitle(f"{found.attrs.get('study', '')}: sensitivity, {found.attrs['sampler']} design", x=0.01, ha="left",
+                    fontsize=10)  # fmt: skip
+    if not screening:
+        handles = [Line2D([], [], color=DESIGN, marker="o", linestyle="", label="S1: alone")]
+        if "ST" in found:
+            text = "ST: with all interactions"
+            handles.append(Line2D([], [], color=BEST, marker="s", linestyle="", label=text))
+        figure.legend(handles=handles, loc="outside lower center", ncols=2)
+    return figure
+
+
+def save_sensitivity(found: xr.Dataset, path: Path) -> Path:
+    """Draw the indices into a file."""
+    with matplotlib.rc_context(STYLE):
+        figure = Figure(layout="constrained")
+        plot_sensitivity(found, figure)
+        return write_whole(path, lambda place: figure.savefig(place, format="png"))

@@ -20,7 +20,7 @@ LAYERS = [  # a file imports from layers above its own line or from its own line
     "store",
     "locks distribute resolve",
     "report",
-    "run series flows labels histories signal_plots plot chart chart_plot stability stability_plot",
+    "run series flows sensitivity labels histories signal_plots plot chart chart_plot stability stability_plot",
     "submit",
     "cli",
     "__main__",
