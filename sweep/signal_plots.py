@@ -192,9 +192,9 @@ def plot_modes(found: xr.Dataset, figure: Figure | None = None) -> Figure:
         mesh = ax.pcolormesh(t, np.arange(len(shown) + 1) + 0.5, values[:, :-1], norm=LogNorm(1e-6 * most, most),
                              cmap=matplotlib.colormaps["magma_r"], shading="flat", rasterized=True)  # fmt: skip
         ax.axhline(np.count_nonzero(f[shown] <= cut) + 0.5, color=DESIGN, linewidth=1.0, linestyle="dashed")
-        ax.set_ylabel("mode")
+        ax.set_ylabel("mode: frequency [Hz]")
         places = np.unique(np.linspace(0, len(shown) - 1, min(6, len(shown))).round().astype(int))
-        ax.set_yticks(places + 1, [f"{i + 1}: {f[shown[i]]:.3g} Hz" for i in places])
+        ax.set_yticks(places + 1, [f"{i + 1}: {f[shown[i]]:.3g}" for i in places])
         ax.set_title(text, fontsize=9, pad=3)
     figure.colorbar(mesh, ax=list(panels[: len(maps)]), label="energy of a mode [J]", pad=0.02)
     share, above = panels[-2:]
@@ -270,8 +270,7 @@ def plot_sensitivity(found: xr.Dataset, figure: Figure | None = None) -> Figure:
             ax.axhline(0, color="0.8", linewidth=0.6, zorder=0)
             ax.set_xticks(place, [str(v) for v in variables], rotation=30 if len(variables) > 4 else 0)
             ax.set_xlim(-0.6, len(variables) - 0.4)
-            if k % columns == 0:
-                ax.set_ylabel("share of the variance [-]")
+            ax.set_ylabel("share of the variance [-]")
         if not np.isfinite(here["variance"].values):
             ax.text(0.5, 0.5, "no indices", transform=ax.transAxes, ha="center", color="0.4")
     for ax in panels[len(names) :]:
