@@ -444,6 +444,29 @@ def pareto_command(
     say(f"\nfront   {path}\nfigure  {_plots().save_plot(directory, 'front')}")
 
 
+@app.command(name="sensitivity")
+def sensitivity_command(
+    directory: Folder,
+    metric: Annotated[
+        list[str] | None, typer.Option(metavar="NAME", help="a metric, by default every objective; may be given again")
+    ] = None,
+) -> None:
+    """Which variables matter: Sobol indices (`sampler: saltelli`), a screening (`morris`), or first-order indices of
+    any random design; a table, DIR/sensitivity.nc, and a figure. Says what failed runs left out."""
+    from .sensitivity import sensitivity_of
+    from .signal_plots import save_sensitivity
+
+    try:
+        found = sensitivity_of(directory, metric or ())
+    except ValueError as error:
+        if isinstance(error, BAD_INPUT):
+            raise
+        raise store.StoreError(f"sensitivity: {error}") from error
+    say(report.sensitivities(found, Console()))
+    path = store.write_whole(directory / "sensitivity.nc", lambda place: found.to_netcdf(place, engine="netcdf4"))
+    say(f"\nindices {path}\nfigure  {save_sensitivity(found, directory / 'figures' / 'sensitivity.png')}")
+
+
 def _plots() -> Any:
     """The figures; matplotlib is imported only where one is drawn."""
     from . import plot
@@ -459,7 +482,8 @@ def plot(
         str | None, typer.Option(metavar="best|KEY", help="the point to show, in figures of one point")
     ] = None,
     over: Annotated[
-        list[str] | None, typer.Option(metavar="KEY", help="profile: lay this point over it; may be given again")
+        list[str] | None,
+        typer.Option(metavar="KEY", help="profile, compare: lay this point over it; may be given again"),
     ] = None,
 ) -> None:
     """Draw a figure into DIR/figures."""

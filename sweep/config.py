@@ -24,6 +24,7 @@ from solvers import Ask, Scene
 from solvers.scene import NonNegative, Number, Positive, record
 from solvers.settled import why_not
 
+from .fatigue import Fatigue, Limits
 from .fields import COUNT, SCENE, Expression, FieldError, apart, deep_merge, kind_has, lookup, parse, place
 from .mend import Place, Reading, follows, match_keys, plain, read
 from .mistakes import ABSENT, ConfigError, Mistake, faults, nearest, unknown_key
@@ -56,6 +57,7 @@ class Metric(NamedTuple):
     equation: str  # of paper 003, corrected; '' where it has none
     function: Callable[..., Any]
     per_device: bool = False  # also reported for each device as <name>_1, <name>_2, ...
+    needs: str = ""  # field of the study's `metrics` without which it is NaN
 
 
 METRICS: dict[str, Metric] = {}  # filled by sweep.metrics, which is imported with the package
@@ -280,11 +282,15 @@ class Variable:
 
 @record
 class Sampler:
-    """How designs are drawn. ``random`` and ``sobol`` designs do not change when ``n`` grows; ``given`` ones are those
-    of another study's front (``file``, whose values are kept in the study), or listed."""
+    """How designs are drawn. ``random``, ``sobol`` and ``saltelli`` designs do not change when ``n`` grows; ``given``
+    ones are those of another study's front (``file``, whose values are kept in the study), or listed.
 
-    kind: Literal["grid", "random", "lhs", "sobol", "given"] = "sobol"
-    n: Count | None = None  # designs; for a grid, levels of each axis
+    With d variables ``saltelli`` (for Sobol indices) has n blocks of d + 2 designs, ``morris`` (a screening) n
+    trajectories of d + 1; ``sweep sensitivity`` reads both.
+    """
+
+    kind: Literal["grid", "random", "lhs", "sobol", "given", "saltelli", "morris"] = "sobol"
+    n: Count | None = None  # designs; for a grid, levels of each axis; saltelli: blocks; morris: trajectories
     seed: Whole = 0
     levels: dict[str, Count] = Field(default_factory=dict)  # grid: levels of single axes
     file: str | None = None  # given: a front.nc or results.nc, relative to the study's folder
@@ -338,6 +344,8 @@ class MetricsSection:
     pulse_end: NonNegative = 0.0  # RMS values count from here [s]
     baseline: Baseline = "locked"
     probe: NonNegative | None = None  # arc length of a probe [m]
+    limits: Limits | None = None  # breaking load and minimum bend radius
+    fatigue: Fatigue | None = None  # the cable's critical layer and its curve
 
     @model_validator(mode="after")
     def _ordered(self) -> MetricsSection:
@@ -1050,6 +1058,8 @@ def _check_objectives(draft: Draft) -> None:
         elif metric.direction is None:
             problem = "neither more nor less of it is better, so it cannot be an objective"
             draft.add(where, name, problem, f"allowed: {', '.join(good)}")
+        elif metric.needs and not _given(draft, metric.needs):
+            draft.add(where, name, f"cannot be read without `metrics.{metric.needs}`", "give it, or drop the objective")
         elif said and not aggregated:
             draft.add(where, name, "aggregates need at least two `environments`")
         elif "_ensemble" in name and draft.sure("repeats") and not (repeats and repeats.n):
@@ -1093,6 +1103,14 @@ def _check_optimise(draft: Draft) -> None:
     missing = [name for name in objectives if name not in section.reference]
     if section.reference and missing:
         draft.add("optimise.reference", ABSENT, f"needs a value for {', '.join(missing)}", "or leave it out")
+
+
+def _given(draft: Draft, path: str) -> bool:
+    """Whether a field of the study's `metrics` is given, or may be where a mistake hides it."""
+    here = draft.get("metrics")
+    for name in path.split("."):
+        here = getattr(here, name, None)
+    return here is not None or not draft.sure("metrics", *path.split("."))
 
 
 def _check_extremes(draft: Draft, sound: Sound) -> None:

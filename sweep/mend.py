@@ -40,6 +40,7 @@ STAND_INS: dict[str, Any] = {  # objects that contradict nothing, where the requ
     "Variable": {"values": [1.0]},
     "Sampler": {"n": 1},
     "Bound": {"max": 1.0},
+    "Fatigue": {"E": 1.0, "m": 1.0, "log_a": 1.0},
 }
 
 

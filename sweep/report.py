@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import difflib
+import json
 import logging
 import re
 import time
@@ -236,6 +237,22 @@ def ties_note(
     if any(kinds.values()):
         lines.append(f"{int(np.sum(tied))} of {len(tied)} points of the front are tied with a better one")
     return "\n".join(lines)
+
+
+def sensitivities(found: xr.Dataset, console: Console) -> str:
+    """A table of indices for each metric, and what they leave out."""
+    what = {"saltelli": "blocks", "morris": "trajectories", "given": "points"}[str(found.attrs["kind"])]
+    entries = [str(name) for name in found.data_vars if found[name].dims == ("metric", "variable")]
+    parts = []
+    for k, metric in enumerate(found["metric"].values):
+        here = found.isel(metric=k)
+        rows = [(str(v), *(float(here[e][j]) for e in entries)) for j, v in enumerate(found["variable"].values)]
+        used = f"{int(here['complete'])} of {int(here['blocks'])} {what}"
+        title = f"{metric}: {used} of a {found.attrs['sampler']} design"
+        parts.append(table(title, ("variable", *(e.replace("_conf", " ±") for e in entries)), rows, console))
+        parts += [f"  {sentence}" for sentence in json.loads(str(here["notes"].values))["notes"]]
+        parts.append("")
+    return "\n".join(parts).rstrip()
 
 
 def one_point(dataset: xr.Dataset, key: str, criterion: bool = False) -> str:

@@ -8,8 +8,9 @@ import itertools
 import json
 import math
 import warnings
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import asdict, replace
+from importlib.util import find_spec
 from typing import Any
 
 import numpy as np
@@ -22,6 +23,9 @@ from .fields import apart, assign, bind, dump
 from .mend import plain
 from .mistakes import ABSENT, Mistake
 from .point import Order, Point
+
+BLOCKS = {"saltelli": 2, "morris": 1}  # designs of a block beyond one for each variable
+LEVELS = 4  # values of each variable in Morris's design
 
 # --------------------------------------------------------------------------- designs
 
@@ -41,7 +45,7 @@ def design_values(study: Study, limit: int | None = None) -> np.ndarray:
 def unit_samples(study: Study) -> np.ndarray:
     """Designs in the unit cube, one column for each variable.
 
-    ``random`` and ``sobol`` give the same first designs whatever ``n``; a Latin hypercube depends on ``n``.
+    ``random``, ``sobol`` and ``saltelli`` give the same first designs whatever ``n``; the others depend on ``n``.
 
     Returns
     -------
@@ -59,6 +63,8 @@ def unit_samples(study: Study) -> np.ndarray:
     n = sampler.n or 1
     from scipy.stats import qmc  # a third of a second, that a worker does not need
 
+    if sampler.kind in BLOCKS:
+        return _blocks(study, sampler)
     rng = np.random.default_rng(sampler.seed)
     if sampler.kind == "random":
         return rng.random((n, d))
@@ -79,7 +85,41 @@ def count_designs(study: Study) -> int:
         return len(next(iter(study.sampler.values.values())))
     if study.sampler.kind == "grid":
         return math.prod(len(axis) for axis in _axes(study, study.sampler))
-    return study.sampler.n or 1
+    return (study.sampler.n or 1) * (block_size(study) if study.sampler.kind in BLOCKS else 1)
+
+
+def block_size(study: Study) -> int:
+    """Designs that belong together: a block of Saltelli's design, a trajectory of Morris's."""
+    assert study.sampler is not None
+    return len(study.variables) + BLOCKS[study.sampler.kind]
+
+
+def problem(variables: Iterable[str]) -> dict[str, Any]:
+    """The unit cube as SALib describes it."""
+    names = list(variables)
+    return {"num_vars": len(names), "names": names, "bounds": [[0.0, 1.0]] * len(names)}
+
+
+def salib() -> None:
+    """ConfigError where SALib, which sensitivity needs, is not installed."""
+    if find_spec("SALib") is None:
+        problem = "sensitivity needs the package SALib, which is not installed"
+        raise ConfigError([Mistake("sampler.kind", ABSENT, problem, "pip install 'cable-sweep[analysis]'")])
+
+
+def _blocks(study: Study, sampler: Sampler) -> np.ndarray:
+    """Saltelli's design in blocks (A, A with a column of B each, B), or Morris's trajectories; n of them."""
+    salib()
+    what, n, seed = problem(study.variables), sampler.n or 1, sampler.seed
+    with warnings.catch_warnings():  # of numbers that are no power of two
+        warnings.simplefilter("ignore", UserWarning)
+        if sampler.kind == "saltelli":
+            from SALib.sample import sobol
+
+            return np.asarray(sobol.sample(what, n, calc_second_order=False, seed=seed))
+        from SALib.sample import morris
+
+        return np.asarray(morris.sample(what, n, num_levels=LEVELS, seed=seed))
 
 
 def _axes(study: Study, sampler: Sampler) -> list[np.ndarray]:
