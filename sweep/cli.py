@@ -363,6 +363,41 @@ def pareto_command(
     say(f"\nfront   {path}\nfigure  {_plots().save_plot(directory, 'front')}")
 
 
+@app.command(name="audit")
+def audit_command(
+    directory: Folder,
+    sample: Annotated[int, typer.Option(min=0, metavar="N", help="trusted designs beside the front, at random")] = 8,
+    model: Annotated[str | None, typer.Option(help="line of the audit [the next costlier]")] = None,
+    segments: Annotated[int | None, typer.Option(min=2, metavar="N", help="mesh of the audit")] = None,
+    seed: Annotated[int, typer.Option(min=0, help="of the sample")] = 0,
+) -> None:
+    """Run the front and a sample again with the next costlier model: how far metrics, order and front may be believed.
+
+    The study's rows stay as they are; DIR/audit has the audit's, DIR/audit.nc both. Under mpirun as `run`.
+    """
+    from . import audit
+
+    ranks = distribute.world()
+    _log(ranks)
+    if ranks.rank > 0:
+        raise typer.Exit(distribute.serve(ranks))
+    code, abort = 2, False
+    try:
+        wanted = audit.Wanted(sample=sample, seed=seed, model=model, segments=segments)
+        ended = audit.audit(directory, wanted, ranks)
+        code = ended.exit_code
+        if ended.data is None:
+            say(f"interrupted by {ended.interrupted}: the same command goes on from here")
+        else:
+            say(report.audited(ended.data, Console()))
+            say(f"\naudit      {directory / 'audit.nc'}")
+    except BAD_INPUT as error:
+        code, abort = complain(error), isinstance(error, distribute.Silent)
+    finally:
+        distribute.dismiss(ranks, code, abort)
+    raise typer.Exit(code)
+
+
 def _plots() -> Any:
     """The figures; matplotlib is imported only where one is drawn."""
     from . import plot
