@@ -331,17 +331,43 @@ def writers_table(journals: Sequence[Journal], live: Sequence[Holder], now: floa
 
 
 def charted(data: xr.Dataset, console: Console) -> str:
-    """The runs of a chart that are worth their seconds, and the cheapest for each accuracy."""
-    runs = data.to_dataframe()
+    """The runs of a chart that are worth their seconds, and what other programs need for the same errors."""
+    runs, chaotic = data.to_dataframe(), bool(data.attrs["chaotic"])
     best = runs[runs["envelope"].astype(bool)].sort_values("seconds")
-    columns = ("model", "method", "segments", "knob", "error", "estimated", "seconds")
-    numbers = ("segments", "knob", "error", "estimated_error", "seconds")
+    numbers = ("segments", "knob", "error", "standard_error" if chaotic else "estimated_error", "seconds")
+    columns = ("model", "method", "segments", "knob", "error", "standard error" if chaotic else "estimated", "seconds")
     rows = [(r["model"], r["method"], *(number(r[name]) for name in numbers)) for _, r in best.iterrows()]
-    kind = "chaotic: waveforms do not converge" if data.attrs["chaotic"] else f"{data.attrs['uncertainty']:.1e}"
+    kind = f"{data.attrs['uncertainty']:.1e}"
+    if chaotic:
+        kind = f"chaotic: waveforms do not converge, means of {data.attrs['ensemble']} perturbed runs are compared"
     head = f"reference  {data.attrs['reference']}\nuncertainty  {kind}"
+    title = "worth their seconds" + (f"; error: largest of {data.attrs['objectives']}" if chaotic else "")
+    parts = [head, table(title, columns, rows, console)]
     wrong = runs[(runs["status"] == "OK") & (runs["error"] > 3 * np.fmax(runs["estimated_error"], 0.05))]
-    said = f"{len(wrong)} trusted runs err by more than three times what they estimate" if len(wrong) else ""
-    return "\n".join(x for x in (head, table("worth their seconds", columns, rows, console), said) if x)
+    if len(wrong) and not chaotic:
+        parts.append(f"{len(wrong)} trusted runs err by more than three times what they estimate")
+    others = [_beside(rows, best) for _, rows in runs[runs["status"] == "UNCHECKED"].groupby("program")]
+    lines = [line for found in others for line in found]
+    if lines:
+        heads = ("program", "segments", "step", "error", "seconds", "ours at that error", "times cheaper")
+        parts.append(table("other programs, their best runs (no ledger: unchecked)", heads, lines, console))
+    parts.append(data.attrs.get("peers", ""))
+    return "\n".join(x for x in parts if x)
+
+
+def _beside(theirs: Any, ours: Any) -> list[tuple[Any, ...]]:
+    """The lower envelope of another program, each run beside our cheapest of at most its error."""
+    found, least = [], float("inf")
+    for _, run in theirs[np.isfinite(theirs["error"])].sort_values("seconds").iterrows():
+        if run["error"] >= least:
+            continue
+        least = run["error"]
+        good = ours[ours["error"] <= least]["seconds"]
+        cost = float(good.min()) if len(good) else float("nan")
+        words = (f"{cost:.3g}", f"{run['seconds'] / cost:.3g}") if len(good) else ("-", "-")
+        cells = (f"{run['segments']:.0f}", f"{run['knob']:.3g}", f"{run['error']:.3g}", f"{run['seconds']:.3g}")
+        found.append((run["program"], *cells, *words))
+    return found
 
 
 def audited(data: xr.Dataset, console: Console) -> str:

@@ -20,7 +20,7 @@ LAYERS = [  # a file imports from layers above its own line or from its own line
     "store",
     "locks distribute resolve",
     "report",
-    "run series labels histories plot chart chart_plot stability stability_plot audit",
+    "run series labels histories plot chart chart_plot stability stability_plot audit peers",
     "submit",
     "cli",
     "__main__",
