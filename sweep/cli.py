@@ -176,12 +176,10 @@ def run(
         )
         return running.run(config.load_study(study, designs), settings, ranks)
 
-    _on_ranks(out, work)
+    _on_ranks(work, lambda ended: report.ending(ended.groups, ended.interrupted, ended.results, out))
 
 
-def _on_ranks(
-    out: Path, work: Callable[[distribute.World], running.Outcome], more: Callable[[], str] | None = None
-) -> None:
+def _on_ranks(work: Callable[[distribute.World], Any], told: Callable[[Any], str]) -> None:
     """Do the work on rank 0 while the other ranks serve; say how it ended, and end them all with its exit code."""
     fork_spare()  # before MPI begins
     ranks = distribute.world()
@@ -192,9 +190,7 @@ def _on_ranks(
     try:
         ended = work(ranks)
         code = ended.exit_code
-        say(report.ending(ended.groups, ended.interrupted, ended.results, out))
-        if more:
-            say(more())
+        say(told(ended))
     except BAD_INPUT as error:
         code = complain(error)
     except KeyboardInterrupt:
@@ -217,11 +213,14 @@ def optimise_command(
     from . import optimise
 
     settings = running.Settings(directory=out, any_version=force_version)
-    _on_ranks(
-        out,
-        lambda ranks: optimise.optimise(config.load_study(study), settings, evaluations, ranks),
-        lambda: f"search     {optimise.progress_of(out)}\nthen       sweep pareto {out}; sweep plot {out} hypervolume",
-    )
+
+    def told(ended: running.Outcome) -> str:
+        return (
+            f"{report.ending(ended.groups, ended.interrupted, ended.results, out)}\n"
+            f"search     {optimise.progress_of(out)}\nthen       sweep pareto {out}; sweep plot {out} hypervolume"
+        )
+
+    _on_ranks(lambda ranks: optimise.optimise(config.load_study(study), settings, evaluations, ranks), told)
 
 
 def _log(ranks: distribute.World) -> None:
@@ -465,6 +464,30 @@ def sensitivity_command(
     say(report.sensitivities(found, Console()))
     path = store.write_whole(directory / "sensitivity.nc", lambda place: found.to_netcdf(place, engine="netcdf4"))
     say(f"\nindices {path}\nfigure  {save_sensitivity(found, directory / 'figures' / 'sensitivity.png')}")
+
+
+@app.command(name="audit")
+def audit_command(
+    directory: Folder,
+    sample: Annotated[int, typer.Option(min=0, metavar="N", help="trusted designs beside the front, at random")] = 8,
+    model: Annotated[str | None, typer.Option(help="line of the audit [the next costlier]")] = None,
+    segments: Annotated[int | None, typer.Option(min=2, metavar="N", help="mesh of the audit")] = None,
+    seed: Annotated[int, typer.Option(min=0, help="of the sample")] = 0,
+) -> None:
+    """Run the front and a sample again with the next costlier model: how far metrics, order and front may be believed.
+
+    The study's rows stay as they are; DIR/audit has the audit's, DIR/audit.nc both. Under mpirun as `run`.
+    """
+    from . import audit
+
+    wanted = audit.Wanted(sample=sample, seed=seed, model=model, segments=segments)
+
+    def told(ended: audit.Ended) -> str:
+        if ended.data is None:
+            return f"interrupted by {ended.interrupted}: the same command goes on from here"
+        return f"{report.audited(ended.data, Console())}\n\naudit      {directory / 'audit.nc'}"
+
+    _on_ranks(lambda ranks: audit.audit(directory, wanted, ranks), told)
 
 
 def _plots() -> Any:

@@ -409,14 +409,102 @@ def writers_table(journals: Sequence[Journal], live: Sequence[Holder], now: floa
 
 
 def charted(data: xr.Dataset, console: Console) -> str:
-    """The runs of a chart that are worth their seconds, and the cheapest for each accuracy."""
-    runs = data.to_dataframe()
+    """The runs of a chart that are worth their seconds, and what other programs need for the same errors."""
+    runs, chaotic = data.to_dataframe(), bool(data.attrs["chaotic"])
     best = runs[runs["envelope"].astype(bool)].sort_values("seconds")
-    columns = ("model", "method", "segments", "knob", "error", "estimated", "seconds")
-    numbers = ("segments", "knob", "error", "estimated_error", "seconds")
+    numbers = ("segments", "knob", "error", "standard_error" if chaotic else "estimated_error", "seconds")
+    columns = ("model", "method", "segments", "knob", "error", "standard error" if chaotic else "estimated", "seconds")
     rows = [(r["model"], r["method"], *(number(r[name]) for name in numbers)) for _, r in best.iterrows()]
-    kind = "chaotic: waveforms do not converge" if data.attrs["chaotic"] else f"{data.attrs['uncertainty']:.1e}"
+    kind = f"{data.attrs['uncertainty']:.1e}"
+    if chaotic:
+        kind = f"chaotic: waveforms do not converge, means of {data.attrs['ensemble']} perturbed runs are compared"
     head = f"reference  {data.attrs['reference']}\nuncertainty  {kind}"
+    title = "worth their seconds" + (f"; error: largest of {data.attrs['objectives']}" if chaotic else "")
+    parts = [head, table(title, columns, rows, console)]
     wrong = runs[(runs["status"] == "OK") & (runs["error"] > 3 * np.fmax(runs["estimated_error"], 0.05))]
-    said = f"{len(wrong)} trusted runs err by more than three times what they estimate" if len(wrong) else ""
-    return "\n".join(x for x in (head, table("worth their seconds", columns, rows, console), said) if x)
+    if len(wrong) and not chaotic:
+        parts.append(f"{len(wrong)} trusted runs err by more than three times what they estimate")
+    others = [_beside(rows, best) for _, rows in runs[runs["status"] == "UNCHECKED"].groupby("program")]
+    lines = [line for found in others for line in found]
+    if lines:
+        heads = ("program", "segments", "step", "error", "seconds", "ours at that error", "times cheaper")
+        parts.append(table("other programs, their best runs (no ledger: unchecked)", heads, lines, console))
+    parts.append(data.attrs.get("peers", ""))
+    return "\n".join(x for x in parts if x)
+
+
+def _beside(theirs: Any, ours: Any) -> list[tuple[Any, ...]]:
+    """The lower envelope of another program, each run beside our cheapest of at most its error."""
+    found, least = [], float("inf")
+    for _, run in theirs[np.isfinite(theirs["error"])].sort_values("seconds").iterrows():
+        if run["error"] >= least:
+            continue
+        least = run["error"]
+        good = ours[ours["error"] <= least]["seconds"]
+        cost = float(good.min()) if len(good) else float("nan")
+        words = (f"{cost:.3g}", f"{run['seconds'] / cost:.3g}") if len(good) else ("-", "-")
+        cells = (f"{run['segments']:.0f}", f"{run['knob']:.3g}", f"{run['error']:.3g}", f"{run['seconds']:.3g}")
+        found.append((run["program"], *cells, *words))
+    return found
+
+
+def audited(data: xr.Dataset, console: Console) -> str:
+    """What an audit says: who ran, each metric's disagreement, the order of the designs, who stays on the front."""
+    objectives = json.loads(data.attrs["objectives"])
+    dim = "design" if "environment" in data.dims else "point"
+    front, stays = data["on_front"].to_numpy(), data["stays"].to_numpy()
+    good = ((data["status"] == "OK") & (data["study_status"] == "OK")).to_numpy().reshape(len(front), -1)
+    lines = [
+        f"audited    {int(front.sum())} designs of the front and {int((~front).sum())} others, {good.size} points",
+        f"study      {_runs(data, 'study_')}",
+        f"audit      {_runs(data, '')}",
+        f"cost       {float(data['seconds'].sum()):.3g} s for {float(data['study_seconds'].sum()):.3g} s of the study",
+        f"trusted    {int(good.sum())} of {good.size} points in the audit too",
+    ]
+    status, message = data["status"].to_numpy().ravel(), data["message"].to_numpy().ravel()
+    bad = [(str(a), str(b)) for a, b in zip(status, message, strict=True) if a != "OK"]
+    lines += [f"    {count:6d}  {kind}: {why or 'no message'}" for count, kind, why in grouped(bad)[:8]]
+    left = good.all(axis=1) & front
+    lines.append(
+        f"front      {int((stays & left).sum())} of its {int(left.sum())} designs that the audit trusts stay on the "
+        f"front of the audited ones; {int((stays & ~front).sum())} of the others join it"
+    )
+    names = [str(name) for name in data["metric"].values]
+    stems = [re.sub(r"_(mean|worst)$", "", name) for name in objectives]
+    first = sorted(range(len(names)), key=lambda i: (stems.index(names[i]) if names[i] in stems else len(stems), i))
+    rows = [_disagreement(data.isel(metric=i), names[i]) for i in first if float(data["n"][i]) > 0]
+    columns = (
+        *("metric", "points", "rms", "of size", "largest", "deviation", "rms / it"),
+        *("error bar", "beyond it", "rank corr.", ""),
+    )
+    lines += ["", table("disagreement, audit less study", columns, rows, console)]
+    lines.append(
+        "deviation: standard deviation over the study's trusted points. error bar: sum of both spreads over perturbed "
+        "runs" + ("" if np.isfinite(data["error_bar"]).any() else ", of which this study has none (`repeats`)") + "."
+    )
+    ties = data.sizes[dim] - int(np.count_nonzero(good.all(axis=1)))
+    return "\n".join(lines + ([f"{ties} designs say nothing: one of their points is not trusted"] if ties else []))
+
+
+def _runs(data: xr.Dataset, who: str) -> str:
+    """The models, methods and meshes of some rows."""
+    columns = [data[f"{who}{name}"].to_numpy().ravel() for name in ("model", "method", "segments")]
+    found = Counter(zip(*columns, strict=True)).most_common(4)
+    return "; ".join(f"{model} by {method}, {n} segments ({count})" for (model, method, n), count in found)
+
+
+def _disagreement(row: xr.Dataset, name: str) -> tuple[Any, ...]:
+    """A metric's line, with a verdict: beyond its error bar, or as large as what the designs differ by."""
+    keys = ("n", "rms", "size", "largest", "deviation", "error_bar", "beyond", "rank_correlation")
+    n, rms, size, largest, deviation, bar, beyond, rank = (float(row[key]) for key in keys)
+    words = []
+    if beyond > 0:
+        words.append("beyond its error bar")
+    if rms > max(deviation, 1e-9 * size):  # and not rounding alone
+        words.append("exceeds the designs' spread")
+    if only := int(row["one_only"]):
+        words.append(f"{only} points have a number in one run only")
+    share = rms / deviation if deviation > 0 else float("nan")
+    shown = [f"{x:.3g}" if np.isfinite(x) else "-" for x in (largest, deviation, share, bar, beyond, rank)]
+    part = f"{rms / size:.2%}" if size > 0 else "-"
+    return name, f"{n:.0f}", f"{rms:.3g}", part, *shown, ", ".join(words)

@@ -21,7 +21,7 @@ LAYERS = [  # a file imports from layers above its own line or from its own line
     "store",
     "locks distribute resolve",
     "report",
-    "run series flows sensitivity labels histories signal_plots across across_plot",
+    "run series flows sensitivity labels histories signal_plots across across_plot audit peers",
     "plot chart chart_plot stability stability_plot optimise",
     "submit",
     "cli",
