@@ -34,7 +34,6 @@ NUMBERS = ROOT / "docs" / "papers_numbers.json"
 REPORT = ROOT / "docs" / "papers.md"
 VERDICTS = ("reproduced", "refuted", "not decidable")
 TEXTS = ("item", "says", "corrected", "theirs", "ours", "why")
-LINK = "https://github.com/cable-sweep/cable-sweep/blob/main"
 
 
 # --------------------------------------------------------------------------- records
@@ -103,7 +102,7 @@ def load(path: Path, mistakes: list[str]) -> Paper:
 
 
 def papers(mistakes: list[str]) -> list[Paper]:
-    return [load(path, mistakes) for path in sorted(CLAIMS.glob("*.yaml"), key=lambda p: p.stem != "003" and p.stem)]
+    return [load(path, mistakes) for path in sorted(CLAIMS.glob("*.yaml"), key=lambda path: (path.stem != "003", path.stem))]
 
 
 # --------------------------------------------------------------------------- references
@@ -238,11 +237,7 @@ class Numbers:
 
 def _link(reference: str, separator: str) -> str:
     name, _, symbol = reference.partition(separator)
-    path = ROOT / name
-    line = symbols(path).get(symbol) if path.suffix == ".py" else None
-    shown = f"`{name}`" + (f"<br>`{symbol}`" if symbol else "")
-    del line  # lines move with every change; names do not
-    return f"{shown}"
+    return f"`{name}`" + (f"<br>`{symbol}`" if symbol else "")
 
 
 def _cell(text: str) -> str:
