@@ -120,7 +120,8 @@ def symbols(path: Path) -> dict[str, int]:
                 if isinstance(node, ast.ClassDef):
                     visit(node.body, f"{prefix}{node.name}.")
             elif isinstance(node, ast.Assign):
-                found.update({prefix + t.id: node.lineno for t in node.targets if isinstance(t, ast.Name)})
+                names = [name for target in node.targets for name in getattr(target, "elts", [target])]
+                found.update({prefix + name.id: node.lineno for name in names if isinstance(name, ast.Name)})
             elif isinstance(node, ast.AnnAssign) and isinstance(node.target, ast.Name):
                 found.setdefault(prefix + node.target.id, node.lineno)
 

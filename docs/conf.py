@@ -1,0 +1,64 @@
+"""The documentation site: `make docs`, or `sphinx-build -W docs docs/_build/html`."""
+
+from __future__ import annotations
+
+import re
+import sys
+from pathlib import Path
+
+HERE = Path(__file__).resolve().parent
+sys.path.insert(0, str(HERE.parent))
+
+project = "cable-sweep"
+author = "the cable-sweep authors"
+extensions = ["myst_parser", "sphinx.ext.autodoc", "sphinx.ext.napoleon", "sphinx.ext.mathjax"]
+myst_enable_extensions = ["dollarmath", "amsmath", "colon_fence"]
+myst_heading_anchors = 4
+exclude_patterns = ["_build", "claims"]
+html_theme = "furo"
+html_title = "cable-sweep"
+html_static_path = ["_static"]
+html_css_files = ["wide.css"]
+autodoc_typehints = "description"
+autodoc_typehints_description_target = "documented"
+autodoc_member_order = "bysource"
+napoleon_google_docstring = False
+napoleon_use_rtype = False
+
+ELSEWHERE = {  # files of the repository that the site shows as pages of its own
+    r"(?:\.\./)?benchmarks/README\.md": "benchmarks.md",
+    r"(?:\.\./)?slurm/README\.md": "slurm.md",
+}
+
+
+def write_cli_page() -> None:
+    """cli.md from the signatures of the commands, as `sweep --help` has them."""
+    import typer
+    from typer.cli import get_docs_for_click
+
+    from sweep.cli import app
+
+    command = typer.main.get_command(app)
+    text = get_docs_for_click(obj=command, ctx=typer.Context(command, info_name="sweep"), name="sweep", title="Command line")
+    # what stands between angle brackets in an argument's help is text, not HTML
+    (HERE / "cli.md").write_text(text.replace("<", "&lt;").replace("&lt;br", "<br"), encoding="utf-8")
+
+
+def own_pages(app: object, name: str, source: list[str]) -> None:
+    """Links between files of the repository become links between pages."""
+    for pattern, page in ELSEWHERE.items():
+        source[0] = re.sub(rf"\]\({pattern}\)", f"]({page})", source[0])
+
+
+def plain(app: object, what: str, name: str, obj: object, options: object, lines: list[str]) -> None:
+    """Docstrings are prose with formulas like |x|, *args and a_i: their marks are meant as they stand."""
+    for i, line in enumerate(lines):
+        lines[i] = re.sub(r"(?<!`)([|*])(?!`)", r"\\\1", re.sub(r"(\w)_(?=\W|$)", r"\1\\_", line))
+
+
+def setup(app: object) -> None:
+    app.connect("source-read", own_pages)  # type: ignore[attr-defined]
+    app.connect("autodoc-process-docstring", plain, priority=400)  # type: ignore[attr-defined]
+
+
+write_cli_page()
