@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import inspect
 import re
 import sys
 from pathlib import Path
@@ -40,8 +41,7 @@ def write_cli_page() -> None:
 
     command = typer.main.get_command(app)
     text = get_docs_for_click(obj=command, ctx=typer.Context(command, info_name="sweep"), name="sweep", title="Command line")
-    # what stands between angle brackets in an argument's help is text, not HTML
-    (HERE / "cli.md").write_text(text.replace("<", "&lt;").replace("&lt;br", "<br"), encoding="utf-8")
+    (HERE / "cli.md").write_text(text, encoding="utf-8")
 
 
 def own_pages(app: object, name: str, source: list[str]) -> None:
@@ -50,10 +50,25 @@ def own_pages(app: object, name: str, source: list[str]) -> None:
         source[0] = re.sub(rf"\]\({pattern}\)", f"]({page})", source[0])
 
 
+def fields(obj: object) -> list[str]:
+    """A list of a record's own fields, with the comments beside them in the source: meaning and unit."""
+    found = []
+    for line in inspect.getsource(obj).splitlines():  # type: ignore[arg-type]
+        field = re.match(r"    (\w+): ([^#]+?)(?:\s*=\s*([^#]+?))?\s*#\s*(.+)$", line)
+        if field and not field[1].startswith("_"):
+            found.append(f"* ``{field[1]}``: {field[4]}")
+    return found
+
+
 def plain(app: object, what: str, name: str, obj: object, options: object, lines: list[str]) -> None:
-    """Docstrings are prose with formulas like |x|, *args and a_i: their marks are meant as they stand."""
+    """Docstrings are prose with formulas like |x| or a * b: outside of literals their marks stand for themselves."""
+    if what == "class":
+        lines += ["", *fields(obj), ""]
     for i, line in enumerate(lines):
-        lines[i] = re.sub(r"(?<!`)([|*])(?!`)", r"\\\1", re.sub(r"(\w)_(?=\W|$)", r"\1\\_", line))
+        parts = re.split(r"(``[^`]*``|^\* )", line)
+        for j in range(0, len(parts), 2):
+            parts[j] = re.sub(r"([|])|(?<!\w)\*(?!\w)|(\w)_(?=\W|$)", lambda m: f"{m[2]}\\_" if m[2] else f"\\{m[0]}", parts[j])
+        lines[i] = "".join(parts)
 
 
 def setup(app: object) -> None:
