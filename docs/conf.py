@@ -40,7 +40,8 @@ def write_cli_page() -> None:
     from sweep.cli import app
 
     command = typer.main.get_command(app)
-    text = get_docs_for_click(obj=command, ctx=typer.Context(command, info_name="sweep"), name="sweep", title="Command line")
+    context = typer.Context(command, info_name="sweep")
+    text = get_docs_for_click(obj=command, ctx=context, name="sweep", title="Command line")
     (HERE / "cli.md").write_text(text, encoding="utf-8")
 
 
@@ -67,7 +68,7 @@ def plain(app: object, what: str, name: str, obj: object, options: object, lines
     for i, line in enumerate(lines):
         parts = re.split(r"(``[^`]*``|^\* )", line)
         for j in range(0, len(parts), 2):
-            parts[j] = re.sub(r"([|])|(?<!\w)\*(?!\w)|(\w)_(?=\W|$)", lambda m: f"{m[2]}\\_" if m[2] else f"\\{m[0]}", parts[j])
+            parts[j] = re.sub(r"[|]|(?<!\w)\*(?!\w)|_(?=\W|$)", r"\\\g<0>", parts[j])
         lines[i] = "".join(parts)
 
 

@@ -102,7 +102,8 @@ def load(path: Path, mistakes: list[str]) -> Paper:
 
 
 def papers(mistakes: list[str]) -> list[Paper]:
-    return [load(path, mistakes) for path in sorted(CLAIMS.glob("*.yaml"), key=lambda path: (path.stem != "003", path.stem))]
+    paths = sorted(CLAIMS.glob("*.yaml"), key=lambda path: (path.stem != "003", path.stem))  # the longest first
+    return [load(path, mistakes) for path in paths]
 
 
 # --------------------------------------------------------------------------- references

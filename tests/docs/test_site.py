@@ -15,7 +15,8 @@ def test_the_site_builds(tmp_path: Path) -> None:
     for name in ("sphinx", "myst_parser", "furo"):
         pytest.importorskip(name, reason="the docs extra is not installed", exc_type=ImportError)
     words = [sys.executable, "-m", "sphinx", "-W", "--keep-going", "-q", "-b", "html", "-d", str(tmp_path / "trees")]
-    done = subprocess.run([*words, "docs", str(tmp_path / "html")], cwd=ROOT, capture_output=True, text=True, timeout=600)
+    words += ["docs", str(tmp_path / "html")]
+    done = subprocess.run(words, cwd=ROOT, capture_output=True, text=True, timeout=600)
     assert done.returncode == 0, done.stderr
     pages = {path.stem for path in (tmp_path / "html").rglob("*.html")}
     wanted = {"index", "papers", "cli", "api", "lumped", "hermite", "transverse", "local", "rod", "devices", "harmonic"}

@@ -1,4 +1,4 @@
-"""The four notebooks run headless on the small study, and every axis of every figure says what it is and in which unit."""
+"""The four notebooks run headless on the small study, and every axis says what it is, and its unit."""
 
 from __future__ import annotations
 

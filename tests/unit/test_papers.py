@@ -59,7 +59,8 @@ sections:
     records:
       - {item: eq. (1), says: x, code: ["solvers/devices.py:no_such_law"], corrected: x, tests: ["tests/none.py::test"],
          theirs: x, ours: "{nothing.here:.1f}", verdict: perhaps, why: ""}
-      - {item: eq. (2), says: x, code: "none: it is not there", corrected: x, theirs: x, ours: x, verdict: refuted, why: x}
+      - {item: eq. (2), says: x, code: "none: it is not there", corrected: x, theirs: x, ours: x, verdict: refuted,
+         why: x}
 """)
     monkeypatch.setattr(report, "CLAIMS", tmp_path)
     said = "\n".join(report.page({})[1])
