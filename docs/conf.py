@@ -29,6 +29,7 @@ napoleon_use_rtype = False
 ELSEWHERE = {  # files of the repository that the site shows as pages of its own
     r"(?:\.\./)?benchmarks/README\.md": "benchmarks.md",
     r"(?:\.\./)?slurm/README\.md": "slurm.md",
+    r"\.\./docs/papers\.md": "papers.md",
 }
 
 
