@@ -1009,6 +1009,9 @@ def _check_rods(draft: Draft, sound: Sound) -> None:
     if draft.sure("ask", "rho_space") and ask.rho_space != 1 and ask.model not in FAMILY:
         problem = f"damps along s in {', '.join(FAMILY)} alone, not in `{ask.model}`"
         draft.add("ask.rho_space", ask.rho_space, problem, "remove it, or name one of these models")
+    elif draft.sure("ask", "rho_space") and ask.rho_space < 1 and ask.duration > 0 and "ask.duration" not in varied:
+        problem = "damps along s at rest alone: in motion, what travels towards end A would grow"
+        draft.add("ask.rho_space", ask.rho_space, problem, "remove it (`rho` damps in time), or write `duration: 0`")
 
 
 def _check_metrics(draft: Draft) -> None:
