@@ -426,7 +426,8 @@ class Journal:
     host: str = ""
     job: str = ""
     turn: int = 0
-    starts: int = 0  # since the last row
+    fruitful: int = 0  # turn of the last row
+    idle: list[int] = field(default_factory=list)  # turns begun since
     rows: int = 0
     failed: int = 0
     recent: deque[float] = field(default_factory=lambda: deque(maxlen=256))  # when the last rows were written
@@ -472,14 +473,15 @@ class Replay:
             if "start" in row:
                 start = row["start"]
                 journal.host, journal.job, journal.turn = start["host"], start["job"], start["turn"]
-                journal.starts += 1
+                journal.idle.append(journal.turn)
                 self.began[journal.job] = min(journal.turn, self.began.get(journal.job, journal.turn))
             if "header" in row:
                 headers.setdefault(json.dumps(row["header"]), row["header"])
             if "key" not in row:
                 continue
             status, at = row["status"], row.get("at", 0.0)
-            journal.rows, journal.starts = journal.rows + 1, 0
+            journal.rows += 1
+            journal.fruitful, journal.idle = journal.turn, []
             journal.failed += outcome(status) == "failed"
             journal.recent.append(at)
             place = self.place(row["key"])
