@@ -64,6 +64,14 @@ class CannotWrite(StoreError):
         )
 
 
+class CannotRead(StoreError):
+    """A file cannot be read; ``resumable`` where that may pass."""
+
+    def __init__(self, path: Path, error: OSError) -> None:
+        self.resumable = error.errno in (errno.ESTALE, errno.EIO)
+        super().__init__(f"cannot read {path}: {error.strerror or error}")
+
+
 class OtherVersion(StoreError):
     """The folder holds rows of another solver version."""
 
@@ -462,7 +470,10 @@ class Replay:
         self.turns = np.zeros(n, dtype=np.uint32)  # of the rows; a week of requeued arrays has many
         self._at = np.zeros(n)
         for number, path in enumerate(self.paths):
-            self._read(number, path, headers)
+            try:
+                self._read(number, path, headers)
+            except OSError as error:
+                raise CannotRead(path, error) from error
         self.headers = list(headers.values())
 
     def _read(self, number: int, path: Path, headers: dict[str, dict[str, Any]]) -> None:
