@@ -277,13 +277,13 @@ def copy(folder, tmp_path):
 
 
 def _rows_while_it_is_made(monkeypatch, do) -> None:
-    """Let something happen once, after a merge has read the journals and before its file is there."""
+    """Let something happen once, after a merge has read the journals and before it writes."""
     stream, left = store._stream, [do]
 
     def slow(*words):
-        stream(*words)
         if left:
             left.pop()()
+        stream(*words)
 
     monkeypatch.setattr(store, "_stream", slow)
 
