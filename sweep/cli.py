@@ -211,15 +211,23 @@ def submit(
     pilots: Annotated[int, typer.Option(min=0, metavar="N", help="points to run first, here, to predict costs")] = 8,
     limit: Limit = None,
     retry: Annotated[list[Retry] | None, typer.Option(help="run these again; may be given twice")] = None,
+    search: Annotated[bool, typer.Option("--optimise", help="`sweep optimise` in place of `sweep run`")] = False,
+    evaluations: Annotated[int | None, typer.Option(min=1, metavar="N", help="of --optimise: designs in all")] = None,
     force_version: Annotated[bool, typer.Option(help="add to rows of another solver version")] = False,
     dry_run: Annotated[bool, typer.Option(help="show scripts and commands; run and write nothing")] = False,
 ) -> None:
     """Run what is missing as SLURM jobs, and merge after them."""
     if (array is None) == (ranks is None):
         raise typer.BadParameter("one of --array K and --ranks P is needed", param_hint="--array, --ranks")
+    if search and (array is not None or limit is not None or retry):
+        problem = "designs are asked for generation by generation: use --ranks P, without --limit and --retry"
+        raise typer.BadParameter(problem, param_hint="--optimise")
+    if evaluations is not None and not search:
+        raise typer.BadParameter("belongs to --optimise", param_hint="--evaluations")
     _log(distribute.Alone())
     kinds = [kind.value for kind in retry or ()]
     extra = [f"--limit={limit}"] * (limit is not None) + [f"--retry={kind}" for kind in kinds]
+    extra += [f"--evaluations={evaluations}"] * (evaluations is not None)
     given = {"time": hours, "partition": partition, "account": account}
     settings = running.Settings(directory=out, limit=limit, retry=frozenset(kinds), any_version=force_version)
     request = submitting.Request(
@@ -228,6 +236,7 @@ def submit(
         options={name: value for name, value in given.items() if value},
         pilots=pilots,
         extra=[*extra, *["--force-version"] * force_version],
+        search=search,
     )
     loaded = config.load_study(study)
     for line in submitting.submit(loaded, settings, request, submitting.load_site(site), dry_run):

@@ -1,7 +1,8 @@
 """``python -m fake_sweep`` is ``sweep`` with a made-up evaluator: everything around the physics, in no time.
 
-FAKE_MODES, FAKE_SECONDS: see ``fakes.planned``. FAKE_EVALUATOR: another of ``fakes``. FAKE_SKEW: seconds by which the clock of each further rank is
-behind the one before. FAKE_SILENCE: how long rank 0 waits for a rank that says nothing.
+FAKE_MODES, FAKE_SECONDS: see ``fakes.planned``. FAKE_EVALUATOR: another one of ``fakes``. FAKE_SKEW: seconds by which
+the clock of each further rank is behind the one before. FAKE_SILENCE: how long rank 0 waits for a rank that says
+nothing.
 """
 
 from __future__ import annotations

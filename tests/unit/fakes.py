@@ -116,6 +116,22 @@ def known_front(point: Point) -> Record:
     )  # fmt: skip
 
 
+def parts_costs(kind: str, count: float, mass: float) -> tuple[float, float]:
+    """Objectives of a scene of parts: what is heavy is calm, what is little is cheap."""
+    calm = {"bnes": 1.0, "tmd": 1.5, "locked": 3.0}[kind]
+    return calm + 0.5 * (2 - count) + 1 / mass, {"bnes": 3.0, "tmd": 2.0, "locked": 1.0}[kind] * count + mass
+
+
+def parts(point: Point) -> Record:
+    """``parts_costs`` of the scene that the point really has."""
+    devices = point.scene.devices
+    delta, rms = parts_costs(devices[0].kind, len(devices), devices[0].mass)
+    return Record(
+        key=point.key, design=point.design, environment=point.environment, values=point.values, status="OK",
+        metrics={"delta": delta, "rms": rms},
+    )  # fmt: skip
+
+
 def tell(point: Point) -> Record:
     """What the environment holds of launchers and threads."""
     found = [
