@@ -24,6 +24,7 @@ HERE = Path(__file__).resolve().parent
 ROOT = HERE.parents[1]
 UNIT = ROOT / "tests/unit"
 TINY = ROOT / "tests/unit/tiny.yaml"
+KNOWN = ROOT / "tests/unit/known.yaml"
 COST = ["seconds", "first_seconds"]
 
 
@@ -187,8 +188,8 @@ def _rows(out: Path) -> int:
     return len(read_records(out))
 
 
-def _wait_for(out: Path, rows: int) -> None:
-    deadline = time.monotonic() + 60
+def _wait_for(out: Path, rows: int, seconds: float = 60) -> None:
+    deadline = time.monotonic() + seconds
     while _rows(out) < rows:
         assert time.monotonic() < deadline, logs(out)
         time.sleep(0.05)
@@ -236,6 +237,36 @@ def test_a_killed_job_is_submitted_again_and_a_cancelled_one_stays_cancelled(slu
     third = submit(slurm, many, out, "--ranks", 3, "--pilots", 0)[4:]
     wait(slurm, third)
     _complete(out, undisturbed)
+
+
+def test_a_killed_search_is_submitted_again_and_finds_the_undisturbed_front(slurm, tmp_path):
+    """SIGKILL of all processes of `sweep submit --optimise`; a rank's death sends the second job back to the queue."""
+    known = {"FAKE_EVALUATOR": "known_front", "FAKE_BAD": "7", "PYTHONPATH": f"{ROOT}:{UNIT}"}
+    serial = call(sys.executable, "-m", "fake_sweep", "optimise", KNOWN, "--out", tmp_path / "serial", **known)
+    assert serial.returncode == 1, serial.stderr  # some designs fail
+    _made_up(tmp_path, 0.3)
+    out = tmp_path / "out"
+    first = submit(slurm, KNOWN, out, "--optimise", "--ranks", 3, **known)
+    _wait_for(out, 20, 300)  # of the second generation
+    call("scancel", "--signal=KILL", "--full", first[0], **slurm)
+    wait(slurm, first, 300)
+    assert 20 <= _rows(out) < 112, logs(out)
+    second = submit(slurm, KNOWN, out, "--optimise", "--ranks", 3, **known)[2:]
+    _wait_for(out, 60, 300)
+    ranks = [
+        int(path.name)
+        for path in Path("/proc").glob("[0-9]*")
+        if str(out).encode() in _command(path) and b"mpi4py" in _command(path) and b"srun" not in _command(path)
+    ]
+    os.kill(max(ranks), signal.SIGKILL)
+    wait(slurm, second, 500)
+    assert "back to the queue" in logs(out), logs(out)
+    assert "112 of 112 evaluations by nsga2: the budget is spent" in logs(out), logs(out)
+    assert _rows(out) == 112  # none twice
+    found, expected = (open_study(place).drop_vars(COST) for place in (out, tmp_path / "serial"))
+    xr.testing.assert_identical(found.drop_attrs(deep=False), expected.drop_attrs(deep=False))
+    curves = [xr.load_dataset(place / "hypervolume.nc") for place in (out, tmp_path / "serial")]
+    xr.testing.assert_identical(*curves)
 
 
 def test_a_killed_rank_sends_the_job_back_to_the_queue(slurm, many, undisturbed, tmp_path):

@@ -97,8 +97,8 @@ def costly(point: Point) -> Record:
 def known_front(point: Point) -> Record:
     """Two objectives with a known front over ``x`` and ``y`` in [0, 1]: gamma = 1 - sqrt(delta) at y = 0 (as ZDT1).
 
-    FAKE_BAD: designs whose x is in the middle of so many parts of [0, 1] fail, are untrusted, or say NaN in turn, with
-    objectives that would be on any front. FAKE_SECONDS as in ``planned``.
+    FAKE_BAD: designs whose x is in the middle of so many parts of [0, 1] fail, are untrusted with objectives that would
+    be on any front, or have NaN beside such an objective, in turn. FAKE_SECONDS as in ``planned``.
     """
     time.sleep(float(os.environ.get("FAKE_SECONDS", "0")))
     x, y = point.values["x"], point.values["y"]
@@ -108,8 +108,9 @@ def known_front(point: Point) -> Record:
     status, place = "OK", x * parts % 1
     if parts and 0.25 < place < 0.5:
         status = ("DIVERGED", "UNRESOLVED", "OK")[int(x * parts) % 3]
-        better = float("nan") if status != "UNRESOLVED" else -9999.0
-        metrics = dict.fromkeys(metrics, better)
+        metrics = dict.fromkeys(metrics, float("nan") if status == "DIVERGED" else -9999.0)
+        if status == "OK":
+            metrics["delta"] = float("nan")
     return Record(
         key=point.key, design=point.design, environment=point.environment, values=point.values, status=status,
         metrics=metrics,
