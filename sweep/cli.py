@@ -15,6 +15,7 @@ from enum import StrEnum
 from pathlib import Path
 from typing import Annotated, Any
 
+import numpy as np
 import typer
 import xarray as xr
 from rich.console import Console
@@ -26,6 +27,7 @@ from . import plan as planning
 from . import run as running
 from . import submit as submitting
 from .resolve import resolve
+from .space import extremes
 
 app = typer.Typer(
     add_completion=False,
@@ -77,7 +79,11 @@ def check(study: File, limit: Limit = None) -> None:
     """What would run: points, model and method and why, resolution, cost and disk. Runs a few pilots."""
     warm_up()
     loaded, because = resolve(config.load_study(study))
-    plan = planning.make_plan(loaded, limit)
+    if loaded.sampler is None:  # the designs of a search are not known; its pilots stand for them
+        tried = [list(values.values()) for values in extremes(loaded).values()]
+        plan = planning.plan_of(loaded, np.array(tried)[:limit])
+    else:
+        plan = planning.make_plan(loaded, limit)
     for label, why in because.items():
         say(f"mesh         {label}: {why}")
     say(report.describe(loaded, plan, planning.pilot(loaded)))
