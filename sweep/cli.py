@@ -17,6 +17,7 @@ from importlib import resources
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
+import numpy as np
 import typer
 from rich.console import Console
 
@@ -27,6 +28,7 @@ from . import plan as planning
 from . import run as running
 from . import submit as submitting
 from .resolve import resolve
+from .space import extremes
 from .supervise import fork_spare
 
 if TYPE_CHECKING:
@@ -105,7 +107,11 @@ def check(
     """What would run: points, model and method and why, resolution, cost and disk. Runs a few pilots."""
     warm_up()
     loaded, because = resolve(config.load_study(study, designs))
-    plan = planning.make_plan(loaded, limit)
+    if loaded.sampler is None:  # the designs of a search are not known; its pilots stand for them
+        tried = [list(values.values()) for values in extremes(loaded).values()]
+        plan = planning.plan_of(loaded, np.array(tried)[:limit])
+    else:
+        plan = planning.make_plan(loaded, limit)
     for label, why in because.items():
         say(f"mesh         {label}: {why}")
     say(report.describe(loaded, plan, planning.pilot(loaded)))
@@ -248,15 +254,23 @@ def submit(
     pilots: Annotated[int, typer.Option(min=0, metavar="N", help="points to run first, here, to predict costs")] = 8,
     limit: Limit = None,
     retry: Annotated[list[Retry] | None, typer.Option(help="run these again; may be given twice")] = None,
+    search: Annotated[bool, typer.Option("--optimise", help="`sweep optimise` in place of `sweep run`")] = False,
+    evaluations: Annotated[int | None, typer.Option(min=1, metavar="N", help="of --optimise: designs in all")] = None,
     force_version: Annotated[bool, typer.Option(help="add to rows of another solver version")] = False,
     dry_run: Annotated[bool, typer.Option(help="show scripts and commands; run and write nothing")] = False,
 ) -> None:
     """Run what is missing as SLURM jobs, and merge after them."""
     if (array is None) == (ranks is None):
         raise typer.BadParameter("one of --array K and --ranks P is needed", param_hint="--array, --ranks")
+    if search and (array is not None or limit is not None or retry):
+        problem = "designs are asked for generation by generation: use --ranks P, without --limit and --retry"
+        raise typer.BadParameter(problem, param_hint="--optimise")
+    if evaluations is not None and not search:
+        raise typer.BadParameter("belongs to --optimise", param_hint="--evaluations")
     _log(distribute.Alone())
     kinds = [kind.value for kind in retry or ()]
     extra = [f"--limit={limit}"] * (limit is not None) + [f"--retry={kind}" for kind in kinds]
+    extra += [f"--evaluations={evaluations}"] * (evaluations is not None)
     given = {"time": hours, "partition": partition, "account": account}
     settings = running.Settings(directory=out, limit=limit, retry=frozenset(kinds), any_version=force_version)
     request = submitting.Request(
@@ -265,6 +279,7 @@ def submit(
         options={name: value for name, value in given.items() if value},
         pilots=pilots,
         extra=[*extra, *["--force-version"] * force_version],
+        search=search,
     )
     loaded = config.load_study(study)
     for line in submitting.submit(loaded, settings, request, submitting.load_site(site), dry_run):

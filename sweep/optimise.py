@@ -170,16 +170,18 @@ class Gate:
                 found.append(i)
         return found
 
-    def draw(self, n: int, random: np.random.Generator) -> list[Genome]:
-        """At most ``n`` new designs that fill the space."""
+    def draw(
+        self, n: int, random: np.random.Generator, known: set[tuple[str, ...]] | None = None
+    ) -> list[Genome]:
+        """At most ``n`` new designs that fill the space; ``known`` are those that are new no more."""
         found: list[Genome] = []
-        known: set[tuple[str, ...]] = set()
+        known = set() if known is None else known
         for _ in range(ATTEMPTS):
-            drawn = self.genes.sample(max(n - len(found), 8), random)
-            found += [drawn[i] for i in self.fresh(drawn, known)]
             if len(found) >= n:
                 break
-        return found[:n]
+            drawn = self.genes.sample(max(n - len(found), 8), random)
+            found += [drawn[i] for i in self.fresh(drawn, known)]
+        return found[: max(n, 0)]
 
 
 class _New(DuplicateElimination):
@@ -231,6 +233,7 @@ class Evolution:
     """pymoo's NSGA-II (Deb et al. 2002) and NSGA-III (Deb and Jain 2014), with operators for each kind of variable."""
 
     def __init__(self, study: Study, gate: Gate, constraints: int) -> None:
+        self.gate = gate
         section, n_obj = study.optimise, len(study.objectives)
         select = binary_tournament if section.algorithm == "nsga2" else comp_by_cv_then_random
         new = _New(gate)
@@ -252,8 +255,13 @@ class Evolution:
         self._waiting: Any = Population.empty()  # of a first population that is not large enough yet
 
     def ask(self) -> list[Genome]:
-        self.asked = self.algorithm.ask()
-        return [] if self.asked is None else [ind.X for ind in self.asked]
+        found = self.algorithm.ask()
+        self.algorithm.termination.force_termination = False  # set where mating finds nothing new
+        born = [] if found is None else [ind.X for ind in found]
+        known = {token for genome in born if (token := self.gate.token(genome)) is not None}
+        more = self.gate.draw(self.algorithm.pop_size - len(born), self.algorithm.random_state, known)
+        self.asked = Population.new(X=born + more)
+        return born + more
 
     def tell(self, good: np.ndarray, costs: np.ndarray, excess: np.ndarray) -> None:
         places = np.flatnonzero(good)
@@ -361,7 +369,9 @@ class Surrogate:
             pop_size=INNER["pop_size"],
             sampling=Population.new(X=first),
             mating=MixedVariableMating(
-                selection=TournamentSelection(func_comp=binary_tournament), eliminate_duplicates=_Other(genes)
+                selection=TournamentSelection(func_comp=binary_tournament),
+                eliminate_duplicates=_Other(genes),
+                n_max_iterations=3,  # a small space has few others
             ),
             eliminate_duplicates=_Other(genes),
         )
@@ -648,7 +658,8 @@ class _Run:
                 found = answers(self.study, piece, self.rows)
                 complete = len(part) == len(asked)
                 self.curve.add(self.count, found, complete)
-                self.keep()
+                if self.crew is not None:  # what the store had is written already
+                    self.keep()
                 if self.count >= self.budget:
                     self.ended = "the budget is spent"
                 if complete:

@@ -41,7 +41,7 @@ from .histories import (
     plot_stroke,
     plot_wavelet,
 )
-from .labels import BEST, DESIGN, MAP, STYLE, UP, WORDS, draw_in, draw_on, metric_label, variable_label
+from .labels import BEST, DESIGN, MAP, STYLE, UP, WORDS, draw_in, draw_on, metric_label, symbol, variable_label
 from .sensitivity import sensitivity_of
 from .series import (
     chosen_key,
@@ -392,6 +392,34 @@ def plot_parallel(dataset: xr.Dataset, ax: Axes | None = None) -> Axes:
     return ax
 
 
+def plot_hypervolume(dataset: xr.Dataset, ax: Axes | None = None) -> Axes:
+    """Hypervolume of the front over the designs run, generation by generation of a search."""
+    ax = draw_on(ax)
+    shown = dataset.isel(generation=np.isfinite(dataset["hypervolume"].values))
+    if not shown.sizes["generation"]:
+        raise ValueError("no generation has a front yet")
+    x, y = shown["evaluations"].values, shown["hypervolume"].values
+    ax.plot(x, y, color=DESIGN, drawstyle="steps-post")
+    ax.plot(x, y, "o", color=DESIGN, markersize=4)
+    ax.annotate(f"{y[-1]:.4g}", (x[-1], y[-1]), xytext=(0, 6), textcoords="offset points", ha="right")
+    ax.set_xlim(0, x[-1] * 1.03)
+    ax.set_xlabel("designs run [-]")
+    point = ", ".join(f"{symbol(name)} = {value:.4g}" for name, value in json.loads(dataset.attrs["reference"]).items())
+    ax.set_ylabel("hypervolume [product of the objectives' units]")
+    ax.set_title(f"{dataset.attrs['algorithm']}, seed {dataset.attrs['seed']}; reference {point}")
+    ax.margins(y=0.1)
+    ax.grid(alpha=0.25, linewidth=0.6)
+    return ax
+
+
+def _hypervolume(directory: Path) -> xr.Dataset:
+    path = Path(directory) / "hypervolume.nc"
+    if not path.is_file():
+        raise ValueError("the folder is not of `sweep optimise`, or has no complete generation yet")
+    with xr.open_dataset(path, engine="netcdf4") as dataset:
+        return dataset.load()
+
+
 def _ticks(low: float, high: float, log: bool) -> list[float]:
     slack = 1e-9 * max(abs(low), abs(high))
     if log:
@@ -433,6 +461,9 @@ PLOTS: dict[str, Kind] = {
     "front": Kind(plot_front, open_study, "objectives against one another, coloured by a design variable"),
     "parallel": Kind(_single(plot_parallel, (10, 5)), open_study, "parallel coordinates of variables and objectives"),
     "ea": Kind(plot_ea, open_study, "each objective over each design variable"),
+    "hypervolume": Kind(
+        _single(plot_hypervolume, (7, 4.2)), _hypervolume, "of `sweep optimise`: hypervolume over the designs run"
+    ),
     "history": Kind(
         plot_history, _series, "displacement at stations along the cable, with and without devices", single=True
     ),

@@ -326,10 +326,16 @@ def about(entry: Any) -> str:
 
 def describe(study: Study, plan: Plan, pilots: Sequence[PilotRun]) -> str:
     """What would run, on what, and what it will cost; costs are those of the pilots on this machine."""
-    points = len(plan)
-    lines = [
+    points, search = len(plan), study.optimise
+    head = (
         f"{study.name}: {len(plan.designs)} designs in {len(plan.environments)} environment"
-        f"{'s' * (len(plan.environments) > 1)}, {points} points, {int(plan.keys.firsts().sum())} of them distinct",
+        f"{'s' * (len(plan.environments) > 1)}, {points} points, {int(plan.keys.firsts().sum())} of them distinct"
+    )
+    if study.sampler is None:
+        points = search.evaluations * len(plan.environments)
+        head = f"{study.name}: a search, {search.evaluations} designs by {search.algorithm}, {points} points"
+    lines = [
+        head,
         f"variables    {', '.join(study.variables) or 'none'}",
         f"sampler      {study.sampler.kind}, seed {study.sampler.seed}" if study.sampler else "sampler      none",
         f"objectives   {', '.join(study.objectives)}",

@@ -61,17 +61,14 @@ class Site:
 
 @dataclass(frozen=True, kw_only=True)
 class Request:
-    """What is to be submitted: an array of tasks without MPI, or one job of ranks."""
+    """What is to be submitted: an array of tasks without MPI, or one job of ranks, which may search for the front."""
 
     array: int | None = None
     ranks: int | None = None
     options: Mapping[str, str] = field(default_factory=dict)  # of the command line; they win over the site's
     pilots: int = 8
-    extra: Sequence[str] = ()  # options for `sweep run`
-
-    @property
-    def kind(self) -> str:
-        return "array" if self.array else "mpi"
+    extra: Sequence[str] = ()  # options for `sweep run`, or `sweep optimise`
+    search: bool = False  # `sweep optimise` in place of `sweep run`
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -167,10 +164,10 @@ def _setup(site: Site) -> list[str]:
 def scripts(study: str, directory: Path, request: Request, site: Site, limit: int) -> list[Script]:
     """The scripts of a request: arrays of at most ``limit`` tasks, or one job; the merge job last."""
     options = {**site.options, **request.options}
-    log_of = {"array": "%x-%A_%a.log", "mpi": "%x-%j.log", "merge": "%x-%j.log"}
 
     def text(name: str, given: Mapping[str, object]) -> str:
-        output = str((directory / "logs" / log_of[name]).absolute())
+        log_name = "%x-%A_%a.log" if name == "array" else "%x-%j.log"
+        output = str((directory / "logs" / log_name).absolute())
         return render(name, site, {"job-name": re.sub(r"[^\w.-]+", "-", study), "output": output, **given})
 
     words = [str((directory / "study.yaml").absolute()), str(directory.absolute()), *request.extra]
@@ -189,7 +186,8 @@ def scripts(study: str, directory: Path, request: Request, site: Site, limit: in
             for first in range(0, request.array, limit)
         ]
     else:
-        found = [Script(name="mpi", text=text("mpi", options), options=[f"--ntasks={request.ranks}"], words=words)]
+        name = "optimise" if request.search else "mpi"
+        found = [Script(name=name, text=text(name, options), options=[f"--ntasks={request.ranks}"], words=words)]
     alone = {name: value for name, value in options.items() if not name.startswith(("ntasks", "nodes", "time"))}
     last = ["--dependency=afterany:{jobs}", "--kill-on-invalid-dep=yes"]
     return [*found, Script(name="merge", text=text("merge", alone), options=last, words=words[1:2])]
@@ -251,6 +249,10 @@ def submit(study: Study, settings: Settings, request: Request, site: Site, dry_r
         _need_slurm()
         _not_queued(directory)
         _room(directory, (request.array or request.ranks or 1), site)
+    if request.search:
+        if not dry_run:
+            write_whole(directory / "study.yaml", lambda place: place.write_text(study.text, encoding="utf-8"))
+    elif not dry_run:
         plan, left, pace = plan_costs(study, settings, request.pilots)
         if not left:
             return [f"nothing is left to run; sweep merge {directory}"]

@@ -89,6 +89,50 @@ def test_any_number_of_ranks_makes_the_same_file(serial, tmp_path, ranks):
     assert {header["solver"] for header in read_headers(tmp_path)} == {serial.attrs["solver"]}
 
 
+# --------------------------------------------------------------------------------------------- a search
+
+
+@pytest.fixture(scope="module")
+def searched(tmp_path_factory) -> xr.Dataset:
+    out = tmp_path_factory.mktemp("search") / "out"
+    ended = search(0, out)
+    assert ended.returncode == 1, ended.stderr  # some designs fail
+    return open_study(out)
+
+
+def search(ranks: int, out: Path) -> subprocess.CompletedProcess[str]:
+    words = "-m", "fake_sweep", "optimise", UNIT / "known.yaml", "--out", out, "--evaluations", 40
+    return subprocess.run(command(ranks, *words), capture_output=True, text=True, timeout=200, cwd=ROOT, env=FAKE)
+
+
+FAKE = os.environ | {"PYTHONPATH": f"{ROOT}:{UNIT}", "FAKE_EVALUATOR": "known_front", "FAKE_BAD": "7"}
+
+
+@pytest.mark.parametrize("ranks", [2, 3])
+def test_any_number_of_ranks_makes_the_same_search(searched, tmp_path, ranks):
+    ended = search(ranks, tmp_path)
+    assert ended.returncode == 1, ended.stderr
+    assert f"on {ranks} ranks" in ended.stderr
+    assert len(rows(tmp_path)) == 40
+    xr.testing.assert_identical(open_study(tmp_path).drop_vars(COST), searched.drop_vars(COST))
+    assert sum(1 for path in (tmp_path / "parts").glob("*.jsonl") if path.read_text().count('"start"') == 1) == ranks
+
+
+def test_a_killed_search_of_ranks_goes_on_in_serial_to_the_same_front(searched, tmp_path):
+    words = command(2, "-m", "fake_sweep", "optimise", UNIT / "known.yaml", "--out", tmp_path, "--evaluations", "40")
+    slow = FAKE | {"FAKE_SECONDS": "0.1"}
+    started = subprocess.Popen(words, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL, cwd=ROOT, env=slow,
+                               process_group=0)  # fmt: skip
+    _wait_for(tmp_path, 20)  # of the second generation
+    os.killpg(started.pid, signal.SIGKILL)
+    started.communicate()
+    _quiet(tmp_path)
+    assert 20 <= len(rows(tmp_path)) < 40
+    assert search(0, tmp_path).returncode == 1
+    assert len(rows(tmp_path)) == 40
+    xr.testing.assert_identical(open_study(tmp_path).drop_vars(COST), searched.drop_vars(COST))
+
+
 def test_bad_input_is_said_once_on_all_ranks(tmp_path):
     ended = run(2, "-m", "sweep", "run", "nowhere.yaml", "--out", tmp_path)
     assert ended.returncode == 2

@@ -25,6 +25,7 @@ HERE = Path(__file__).resolve().parent
 ROOT = HERE.parents[1]
 UNIT = ROOT / "tests/unit"
 TINY = ROOT / "tests/unit/tiny.yaml"
+KNOWN = ROOT / "tests/unit/known.yaml"
 COST = ["seconds", "first_seconds"]
 HANGS = 600  # a test fails where something takes longer; nothing does on a machine that is merely busy [s]
 
@@ -267,6 +268,32 @@ def test_a_killed_job_is_submitted_again_and_a_cancelled_one_stays_cancelled(slu
     _complete(out, undisturbed)
 
 
+def test_a_killed_search_is_submitted_again_and_finds_the_undisturbed_front(slurm, tmp_path):
+    """SIGKILL of all processes of `sweep submit --optimise`; a rank's death sends the second job back to the queue."""
+    known = {"FAKE_EVALUATOR": "known_front", "FAKE_BAD": "7", "PYTHONPATH": f"{ROOT}:{UNIT}"}
+    serial = call(sys.executable, "-m", "fake_sweep", "optimise", KNOWN, "--out", tmp_path / "serial", **known)
+    assert serial.returncode == 1, serial.stderr  # some designs fail
+    _made_up(tmp_path, COUNT)
+    known["FAKE_SECONDS"] = "1"  # the whole takes some 40 s: the kills come long before its end
+    out = tmp_path / "out"
+    first = submit(slurm, KNOWN, out, "--optimise", "--ranks", 3, **known)
+    _wait_for(out, 20)  # of the second generation
+    call("scancel", "--signal=KILL", "--full", first[0], **slurm)
+    wait(slurm, first)
+    assert 20 <= _rows(out) < 112, logs(out)
+    second = submit(slurm, KNOWN, out, "--optimise", "--ranks", 3, **known)[2:]
+    _wait_for(out, 60)
+    os.kill(max(_ranks(out)), signal.SIGKILL)
+    wait(slurm, second)
+    assert "back to the queue" in logs(out), logs(out)
+    assert "112 of 112 evaluations by nsga2: the budget is spent" in logs(out), logs(out)
+    assert _rows(out) == 112  # none twice
+    found, expected = (open_study(place).drop_vars(COST) for place in (out, tmp_path / "serial"))
+    xr.testing.assert_identical(found.drop_attrs(deep=False), expected.drop_attrs(deep=False))
+    curves = [xr.load_dataset(place / "hypervolume.nc") for place in (out, tmp_path / "serial")]
+    xr.testing.assert_identical(*curves)
+
+
 @pytest.mark.parametrize("fault", ["a killed rank", "the time limit"])
 def test_a_job_of_ranks_goes_back_to_the_queue(slurm, many, undisturbed, tmp_path, fault):
     """A rank is killed, or USR1 comes, as before the time limit; on each node one rank fills the compilers' cache."""
@@ -278,14 +305,7 @@ def test_a_job_of_ranks_goes_back_to_the_queue(slurm, many, undisturbed, tmp_pat
         call("scancel", "--batch", "--signal=USR1", jobs[0], **slurm)
         words = "after USR1: back to the queue"
     else:
-        ranks = [
-            int(path.name)
-            for path in Path("/proc").glob("[0-9]*")
-            if str(out).encode() in _read(path / "cmdline")
-            and _read(path / "cmdline").split(b"\0")[1:3] == [b"-m", b"mpi4py"]
-            and _read(path / "comm").strip() != b"sweep.child"
-        ]
-        os.kill(max(ranks), signal.SIGKILL)
+        os.kill(max(_ranks(out)), signal.SIGKILL)
         words = "back to the queue"
     _until(lambda: words in logs(out), out)
     _let_go(tmp_path)
@@ -294,6 +314,17 @@ def test_a_job_of_ranks_goes_back_to_the_queue(slurm, many, undisturbed, tmp_pat
     assert "Restarts=1" in call("scontrol", "-o", "show", "job", jobs[0], **slurm).stdout
     for node in ("n1", "n2"):
         assert list((tmp_path / f"cache-{node}").rglob("warm")), logs(out)
+
+
+def _ranks(out: Path) -> list[int]:
+    """Processes of the ranks that work in a folder, their children aside."""
+    return [
+        int(path.name)
+        for path in Path("/proc").glob("[0-9]*")
+        if str(out).encode() in _read(path / "cmdline")
+        and _read(path / "cmdline").split(b"\0")[1:3] == [b"-m", b"mpi4py"]
+        and _read(path / "comm").strip() != b"sweep.child"
+    ]
 
 
 def _read(path: Path) -> bytes:

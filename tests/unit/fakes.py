@@ -104,8 +104,8 @@ def costly(point: Point) -> Record:
 def known_front(point: Point) -> Record:
     """Two objectives with a known front over ``x`` and ``y`` in [0, 1]: gamma = 1 - sqrt(delta) at y = 0 (as ZDT1).
 
-    FAKE_BAD: designs whose x is in the middle of so many parts of [0, 1] fail, are untrusted, or say NaN in turn, with
-    objectives that would be on any front. FAKE_SECONDS as in ``planned``.
+    FAKE_BAD: designs whose x is in the middle of so many parts of [0, 1] fail, are untrusted with objectives that would
+    be on any front, or have NaN beside such an objective, in turn. FAKE_SECONDS as in ``planned``.
     """
     time.sleep(float(os.environ.get("FAKE_SECONDS", "0")))
     x, y = point.values["x"], point.values["y"]
@@ -115,11 +115,28 @@ def known_front(point: Point) -> Record:
     status, place = "OK", x * parts % 1
     if parts and 0.25 < place < 0.5:
         status = ("DIVERGED", "UNRESOLVED", "OK")[int(x * parts) % 3]
-        better = float("nan") if status != "UNRESOLVED" else -9999.0
-        metrics = dict.fromkeys(metrics, better)
+        metrics = dict.fromkeys(metrics, float("nan") if status == "DIVERGED" else -9999.0)
+        if status == "OK":
+            metrics["delta"] = float("nan")
     return Record(
         key=point.key, design=point.design, environment=point.environment, values=point.values, status=status,
         metrics=metrics,
+    )  # fmt: skip
+
+
+def parts_costs(kind: str, count: float, mass: float) -> tuple[float, float]:
+    """Objectives of a scene of parts: what is heavy is calm, what is little is cheap."""
+    calm = {"bnes": 1.0, "tmd": 1.5, "locked": 3.0}[kind]
+    return calm + 0.5 * (2 - count) + 1 / mass, {"bnes": 3.0, "tmd": 2.0, "locked": 1.0}[kind] * count + mass
+
+
+def parts(point: Point) -> Record:
+    """``parts_costs`` of the scene that the point really has."""
+    devices = point.scene.devices
+    delta, rms = parts_costs(devices[0].kind, len(devices), devices[0].mass)
+    return Record(
+        key=point.key, design=point.design, environment=point.environment, values=point.values, status="OK",
+        metrics={"delta": delta, "rms": rms},
     )  # fmt: skip
 
 
@@ -135,6 +152,11 @@ def tell(point: Point) -> Record:
 
 def talk(point: Point) -> Record:
     raise ValueError("x" * 1_000_000)
+
+
+def who(point: Point) -> Record:
+    """The process that evaluates."""
+    return Record(key=point.key, design=0, environment=0, values={}, status="OK", message=str(os.getpid()))
 
 
 def die() -> None:

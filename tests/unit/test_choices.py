@@ -3,10 +3,12 @@
 from __future__ import annotations
 
 import json
+from pathlib import Path
 
 import numpy as np
 import pytest
 import xarray as xr
+import yaml
 from fakes import planned
 from rich.console import Console
 from test_config import mistakes, one, study
@@ -20,6 +22,7 @@ from sweep.plan import make_plan
 from sweep.plot import points_of
 from sweep.space import count_designs, designs, extremes, make_point
 
+ROOT = Path(__file__).parents[2]
 KINDS = {
     "bnes": {},
     "tmd": {"kind": "tmd", "k": 50.0, "c": 1.0},
@@ -113,6 +116,17 @@ def test_words_and_whole_numbers_are_coordinates(tmp_path):
     drawn = points_of(dataset).variables["kind"]
     assert drawn.dtype.kind == "f"
     assert "0 " in str(drawn.name)
+
+
+def test_the_example_of_the_readme_is_a_study():
+    text = (ROOT / "README.md").read_text().partition("```yaml\nvariables")[2]
+    raw = yaml.safe_load("variables" + text.partition("```")[0])
+    base = yaml.safe_load((ROOT / "configs/bnes_optimise.yaml").read_text())
+    base |= {"tied": {}, "objectives": ["delta", "gamma"]} | raw
+    made = parse_study(base, ROOT / "configs")
+    designs = [{"EA": 1e6, "at": 3.0, "count": 2, "kind": i} for i in range(4)]
+    kinds = [make_point(made, 0, 0, values).scene.devices[0].kind for values in designs]
+    assert kinds == ["bnes", "tmd", "locked", "bnes"]  # without the first device the second is the first
 
 
 # --------------------------------------------------------------------------- what cannot be

@@ -15,7 +15,7 @@ import fakes
 import pytest
 
 from sweep import child, distribute, supervise
-from sweep.distribute import Alone, Job, map_points
+from sweep.distribute import Alone, Crew, Job, map_points
 from sweep.store import CannotWrite, DiskStore
 from sweep.supervise import CannotRun, Child
 
@@ -238,3 +238,48 @@ def test_stop_kills_the_child_at_once():
     pid = looping._process.pid
     looping.stop()
     assert not Path(f"/proc/{pid}").exists()
+
+
+# ------------------------------------------------------------------------------------------ batches
+
+
+def test_a_crew_keeps_its_child_from_batch_to_batch(tmp_path):
+    work = job(tmp_path, evaluator=f"{fakes.HERE}:who", batches=True)
+    with Crew(work, Alone()) as crew:
+        first, told = crew.map([fakes.make(0)])
+        second, _ = crew.map([fakes.make(i) for i in (1, 2, 3)])
+        assert crew.map([]) == ([], "")
+    assert told == ""
+    assert [row.key for row in first] == ["0000"]
+    assert sorted(row.key for row in second) == ["0001", "0002", "0003"]
+    assert len({row.message for row in (*first, *second)}) == 1
+    assert sorted(DiskStore(tmp_path).rows()) == ["0000", "0001", "0002", "0003"]
+    assert not Path(f"/proc/{first[0].message}").exists()
+
+
+def test_a_crew_that_is_interrupted_says_so_and_keeps_what_it_has(tmp_path):
+    def beat():
+        if len(DiskStore(tmp_path).rows()) >= 2:
+            os.kill(os.getpid(), signal.SIGTERM)
+
+    with Crew(job(tmp_path, batches=True), Alone(), beat=beat) as crew:
+        rows, told = crew.map([fakes.make(i, seconds=0.05) for i in range(20)])
+        assert told == "SIGTERM"
+        assert 2 <= len(rows) < 20
+        assert {row.key for row in rows} == set(DiskStore(tmp_path).rows())
+        assert crew.map([fakes.make(30)]) == ([], "SIGTERM")  # nothing is begun any more
+
+
+def test_a_failure_between_batches_ends_the_child(tmp_path):
+    before = signal.getsignal(signal.SIGTERM)
+    found = []
+
+    def fail():
+        with Crew(job(tmp_path, evaluator=f"{fakes.HERE}:who", batches=True), Alone()) as crew:
+            found.extend(crew.map([fakes.make(0)])[0])
+            raise ZeroDivisionError
+
+    with pytest.raises(ZeroDivisionError):
+        fail()
+    assert not Path(f"/proc/{found[0].message}").exists()
+    assert signal.getsignal(signal.SIGTERM) == before

@@ -213,6 +213,18 @@ DATA |= {"power": lambda: power(series()), "stroke-wavelet": lambda: stroke_wave
 DATA |= {"flow": flows, "modes": modal_energies, "compare": probes, "sensitivity": sensitivities}
 DATA |= dict.fromkeys(("front", "parallel", "ea"), study)
 DATA |= {"profile": profiles} | dict.fromkeys(("histories", "spectra"), environments)
+
+
+def searched():
+    """Three generations of a search, of which the first has no front."""
+    columns = {"evaluations": [50.0, 100, 150], "hypervolume": [np.nan, 0.2, 0.3]}
+    return xr.Dataset(
+        {name: ("generation", np.array(values)) for name, values in columns.items()},
+        attrs={"reference": '{"delta_ensemble": 0.7, "t_settle": 4.5}', "algorithm": "nsga2", "seed": 1},
+    )
+
+
+DATA |= {"hypervolume": searched}
 DATA |= {"force-law": force_laws, "force-angle": lambda: force_laws((0.0, 5.0, 10.0))}
 
 
@@ -410,6 +422,14 @@ def test_responses_fit_their_paper(panels, curves):
     assert box.x0 > -0.05
     assert box.x1 < figure.get_size_inches()[0] + 0.05
     assert all(ax.get_position().height > 0.2 for ax in figure.axes)
+
+
+def test_a_hypervolume_needs_a_front():
+    said = words(drawn("hypervolume"))
+    assert "0.3" in said
+    assert "Δ, ensemble = 0.7" in said
+    with pytest.raises(ValueError, match="no generation has a front"):
+        drawn("hypervolume", searched().isel(generation=[0]))
 
 
 def test_all_leaves_out_what_is_dear():

@@ -16,8 +16,7 @@ import pytest
 import yaml
 from typer.testing import CliRunner
 
-from sweep import locks, run, submit
-from sweep.cli import app
+from sweep import cli, locks, run, submit
 from sweep.config import parse_study
 from sweep.mistakes import ConfigError
 from sweep.plan import read_plan
@@ -35,7 +34,7 @@ def headers(text: str) -> dict[str, str]:
     return {name[2:]: value for name, _, value in (line.partition("=") for line in lines)}
 
 
-@pytest.mark.parametrize("name", ["array", "mpi", "merge"])
+@pytest.mark.parametrize("name", ["array", "mpi", "optimise", "merge"])
 def test_scripts_are_good_bash_and_carry_the_sites_options(tmp_path, name):
     options = {"partition": "long", "time": "12:00:00", "exclusive": True, "mem-per-cpu": None}
     site = Site(options=options, setup=("module load x",), node_cache=True, launch="srun --mpi=pmix")
@@ -67,6 +66,21 @@ def test_command_line_wins_and_a_large_array_is_split():
     assert '--output="/results/a b/logs/%x-%A_%a.log"' in made[0].text
     assert headers(made[0].text)["job-name"] == "my-study"
     assert made[-1].options[0] == "--dependency=afterany:{jobs}"
+
+
+def test_a_search_is_one_job_of_ranks_and_a_merge(tmp_path):
+    out = tmp_path / "out"
+    words = ["submit", str(TINY), "--out", str(out), "--optimise", "--evaluations", "40", "--dry-run"]
+    said = CliRunner().invoke(cli.app, [*words, "--ranks", "3"])
+    assert said.exit_code == 0, said.output
+    assert f"optimise.sbatch {out}/study.yaml {out} --evaluations=40" in said.output
+    assert "--ntasks=3" in said.output
+    assert '-m sweep optimise "$study" --out "$folder"' in said.output
+    assert "merge.sbatch" in said.output
+    assert not out.exists()
+    for wrong in (["--array", "3"], ["--ranks", "3", "--limit", "5"], ["--ranks", "3", "--retry", "failed"]):
+        refused = CliRunner().invoke(cli.app, [*words, *wrong])
+        assert (refused.exit_code, "generation" in refused.output) == (2, True), refused.output
 
 
 def test_every_mistake_of_a_site_is_said_at_once(tmp_path):
@@ -163,13 +177,13 @@ def test_a_job_that_never_begins_is_not_requeued_for_ever(tmp_path, monkeypatch)
     settings = run.Settings(directory=tmp_path, evaluator=f"{fakes.HERE}:planned", warm_ups=(), limit=3)
     assert run.run(study, settings).exit_code == 0
     words = ["status", str(tmp_path), "--missing"]
-    assert CliRunner().invoke(app, words).exit_code == 0
+    assert CliRunner().invoke(cli.app, words).exit_code == 0
     assert run.run(study, replace(settings, limit=None, part=(0, 2))).exit_code == 0
-    assert CliRunner().invoke(app, words).exit_code == 3
+    assert CliRunner().invoke(cli.app, words).exit_code == 3
     monkeypatch.setenv("SLURM_JOB_ID", "17")
     monkeypatch.setenv("SLURM_RESTART_COUNT", "3")
     with pytest.raises(CannotRun, match="job 17 was started 4 times and never began to write"):
-        CliRunner().invoke(app, words, catch_exceptions=False)
+        CliRunner().invoke(cli.app, words, catch_exceptions=False)
     with pytest.raises(CannotRun, match="never began to write"):
         run.run(study, settings)
 
