@@ -16,8 +16,8 @@ and of a sea of their own (seed 101) on the clean cable. All four dampers share 
 Tables: the modes and the tuning; reduction of RMS displacement from 0.5 s on, of the whole cable and at the paper's
 node 5, against the masses locked at points and against the bare cable in the same environment, mean ± standard
 deviation over environments (of the pulse: over runs whose start velocities differ by 1e-9 m/s; what has no impacts is
-not repeated), and the worst environment; Delta; each state of fouling; what detuning costs the dampers. Runs are kept
-in `--keep` and not made again. Untrusted runs are left out, and the tables say how many.
+not repeated), and the worst environment; Delta; each state of fouling; what detuning costs the dampers on the clean
+cable. Runs are kept in `--keep` and not made again. Untrusted runs are left out, and the tables say how many.
 """
 
 from __future__ import annotations
@@ -322,11 +322,11 @@ def show_fouling(study: Study) -> None:
 
 
 def show_detuning(study: Study, run: Runner, frequency: float, ratio: float) -> None:
-    """The searched dampers at points, out of tune."""
+    """The searched dampers at points, out of tune on the clean cable; fouling detunes them by itself."""
     print("Searched dampers at points, out of tune: reduction of RMS displacement against locked masses, %\n")
     rows = []
-    for group, title in study.groups.items():
-        cells = []
+    for group in ("pulse", "seas"):
+        title, cells = study.groups[group], []
         for factor in DETUNED:
             cases, devices = study.of(group), dampers(frequency * factor, ratio)
             ours = [run(replace(case.scene, devices=devices)).rms for case in cases]

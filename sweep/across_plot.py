@@ -5,14 +5,13 @@ from __future__ import annotations
 import math
 from typing import Any
 
-import matplotlib
 import numpy as np
 import xarray as xr
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 from matplotlib.patches import Patch
 
-from .labels import BASE, BASELINES, DESIGN, MAP, draw_in, label, readable
+from .labels import BASE, BASELINES, DESIGN, draw_in, label, readable
 
 COLUMNS = 2  # of panels
 
@@ -35,67 +34,56 @@ def _panel(found: xr.Dataset, e: int) -> str:
     return text if status == "OK" else f"{text} (untrusted: {status})"
 
 
-def plot_histories(found: xr.Dataset, figure: Figure | None = None) -> Figure:
-    """Displacement at the probe over time, with devices and for the baseline, a panel for each environment."""
+def _panels(found: xr.Dataset, figure: Figure | None, tail: str, x: xr.DataArray, up: str) -> tuple[Figure, Any]:
+    """A panel for each environment with the lines of the baseline and the design over x, and the legend."""
     n = found.sizes["environment"]
     rows = math.ceil(n / COLUMNS)
     figure = draw_in(figure, (9.5, 1.35 * rows + 1.2))
     panels = figure.subplots(rows, COLUMNS, sharex=True, sharey=True, squeeze=False)
-    t = found["time"].values
-    columns = {name: readable(found[name]) for name in ("baseline_displacement", "displacement") if name in found}
+    names = [name for name in ("baseline_displacement", "displacement") if f"{name}{tail}" in found]
+    scaled = readable(xr.concat([found[f"{name}{tail}"] for name in names], "line").assign_attrs(units="m"))
     for e, ax in enumerate(panels.ravel()):
         if e >= n:
             ax.set_visible(False)
             continue
-        if float(found.attrs.get("pulse_end", 0.0)) > 0:
-            ax.axvspan(0, float(found.attrs["pulse_end"]), color="0.93", linewidth=0, zorder=0)
-        for name, array in columns.items():
+        for name, values in zip(names, scaled.values[:, e], strict=True):
             ours = name == "displacement"
-            ax.plot(t, array.values[e], color=DESIGN if ours else BASE, linewidth=0.9 if ours else 1.3)
-        ax.axhline(0, color="0.8", linewidth=0.6, zorder=0)
+            ax.plot(x.values, values, color=DESIGN if ours else BASE, linewidth=0.9 if ours else 1.4)
         ax.set_title(_panel(found, e), fontsize=9, pad=2)
         if e + COLUMNS >= n:
-            ax.set_xlabel(label(found["time"], "time"))
+            ax.set_xlabel(label(x, str(x.name)))
             ax.tick_params(labelbottom=True)
-    panels[0, 0].set_xlim(t[0], t[-1])
-    figure.supylabel(label(columns["displacement"], "transverse displacement"), fontsize=10)
+    figure.supylabel(label(scaled, up), fontsize=10)
     figure.suptitle(_title(found), x=0.01, ha="left", fontsize=10)
     handles: list[Any] = [Line2D([], [], color=DESIGN, label="with devices")]
-    if "baseline_displacement" in columns:
+    if "baseline_displacement" in names:
         handles.append(Line2D([], [], color=BASE, linewidth=2, label=_base(found)))
-    if float(found.attrs.get("pulse_end", 0.0)) > 0:
+    if not tail and float(found.attrs.get("pulse_end", 0.0)) > 0:
         handles.append(Patch(color="0.93", label="end moved"))
     figure.legend(handles=handles, loc="outside lower center", ncols=3)
+    return figure, panels
+
+
+def plot_histories(found: xr.Dataset, figure: Figure | None = None) -> Figure:
+    """Displacement at the probe over time, with devices and for the baseline, a panel for each environment."""
+    figure, panels = _panels(found, figure, "", found["time"], "transverse displacement")
+    for ax in panels.ravel():
+        if float(found.attrs.get("pulse_end", 0.0)) > 0:
+            ax.axvspan(0, float(found.attrs["pulse_end"]), color="0.93", linewidth=0, zorder=0)
+        ax.axhline(0, color="0.8", linewidth=0.6, zorder=0)
+    panels[0, 0].set_xlim(float(found["time"][0]), float(found["time"][-1]))
     return figure
 
 
 def plot_spectra(found: xr.Dataset, figure: Figure | None = None) -> Figure:
-    """Amplitude spectra at the probe of all environments, for the baseline and with devices."""
+    """Amplitude spectra of the displacement at the probe, likewise, as far as 99 % of their squares go."""
+    figure, panels = _panels(found, figure, "_amplitude", found["frequency"], "amplitude of the displacement")
     names = [name for name in ("baseline_displacement", "displacement") if f"{name}_amplitude" in found]
-    figure = draw_in(figure, (8.6, 2.9 * len(names) + 1.6))
-    panels = figure.subplots(len(names), 1, sharex=True, sharey=True, squeeze=False)[:, 0]
-    columns = {name: readable(found[f"{name}_amplitude"]) for name in names}
+    energy = sum(((found[f"{name}_amplitude"].values ** 2).sum(axis=0) for name in names), np.zeros(1))
     f = found["frequency"].values
-    energy = sum((found[f"{name}_amplitude"].values ** 2).sum(axis=0) for name in names)
-    shown = np.flatnonzero(energy > 1e-3 * np.max(energy))
-    last = min(int(1.3 * max(int(shown[-1]), 4)) + 1, len(f) - 1) if shown.size else len(f) - 1
-    n = found.sizes["environment"]
-    colours = matplotlib.colormaps[MAP](np.linspace(0, 0.93, n))
-    styles: Any = ("-", "--", ":")
-    for ax, (name, array) in zip(panels, columns.items(), strict=True):
-        for e in range(n):
-            heights = array.values[e, 1 : last + 1]
-            ax.plot(f[1 : last + 1], heights, color=colours[e], linestyle=styles[e % 3], linewidth=1.2)
-        ax.set_title("with devices" if name == "displacement" else _base(found), fontsize=9, pad=3)
-        ax.set_ylabel(label(array, "amplitude"))
+    last = int(np.searchsorted(np.cumsum(energy), 0.99 * energy.sum()))
+    for ax in panels.ravel():
         ax.grid(alpha=0.25, linewidth=0.6)
-    panels[-1].set_xlim(f[1], f[last])
-    panels[-1].set_ylim(bottom=0)
-    panels[-1].set_xlabel(label(found["frequency"]))
-    figure.suptitle(_title(found), x=0.01, ha="left", fontsize=10)
-    handles = [
-        Line2D([], [], color=colours[e], linestyle=styles[e % 3], label=str(name))
-        for e, name in enumerate(found["environment"].values)
-    ]
-    figure.legend(handles=handles, loc="outside lower center", ncols=3)
+    panels[0, 0].set_xlim(0.0, f[min(last + max(last // 4, 2), len(f) - 1)])
+    panels[0, 0].set_ylim(bottom=0.0)
     return figure
