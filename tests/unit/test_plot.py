@@ -424,7 +424,7 @@ def test_the_power_is_that_after_the_pulse():
 
 
 @pytest.mark.parametrize("kind", ["saltelli", "morris"])
-@pytest.mark.parametrize("count", [1, 2, 4])
+@pytest.mark.parametrize("count", [1, 4])
 def test_sensitivities_fit_their_paper(kind, count):
     metrics, variables = ("delta", "gamma", "rms", "t_settle")[:count], tuple(f"EA{i}" for i in range(2 * count))
     figure = drawn("sensitivity", sensitivities(kind, metrics, variables))
