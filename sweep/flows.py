@@ -27,7 +27,8 @@ from .series import of_point
 from .signals import Modes, modal_energies, modes, share_above
 from .space import baseline_scene
 
-FINER = 10  # outputs of a flow in one of the study's: impacts last a millisecond
+FINER = 10  # outputs of a flow in one of the study's, at most: impacts last a millisecond
+MOST_OUTPUTS = 60_000  # of a flow's run: some 250 MB at 100 nodes
 MOST_TIMES = 2000  # of a figure
 MOST_NODES = 240  # of the cable whose modes are taken
 ABOVE = math.sqrt(2)  # times the excitation's highest frequency: modes further up are not forced directly
@@ -46,8 +47,8 @@ def flow(point: Point) -> xr.Dataset:
     """Energy of the cable and of each device over time, what has passed from the cable to each, and the losses.
 
     A device holds 1/2 M |v_host + y' n|^2 + U(y) and has lost the integral of its law's power; both together are what
-    the cable has passed to it. Losses of single devices are sums over outputs (``FINER`` to one of the study's) and
-    stand beside the exact ledger's total: the attribute ``gap`` is their relative difference.
+    the cable has passed to it. Losses of single devices are sums over outputs (up to ``FINER`` to one of the study's)
+    and stand beside the exact ledger's total: the attribute ``gap`` is their relative difference.
 
     Returns
     -------
@@ -65,7 +66,8 @@ def flow(point: Point) -> xr.Dataset:
         raise ValueError("no device of this design moves relative to the cable")
     if any(scene.devices[i].kind == "bnes_free" for i in sliding):
         raise ValueError("the energy of a free mass (`bnes_free`) does not follow from its offset alone")
-    ask = replace(point.ask, interval=point.ask.interval / FINER)
+    outputs = point.ask.duration / point.ask.interval + 1
+    ask = replace(point.ask, interval=point.ask.interval / max(1.0, min(FINER, MOST_OUTPUTS // outputs)))
     run = run_trusted(scene, ask).response
     if len(run.t) < 3:
         raise ValueError(f"the run of {point.key} leaves no history: {run.status.name}, {run.message}")
