@@ -253,6 +253,9 @@ def plot_fatigue(found: xr.Dataset, figure: Figure | None = None) -> Figure:
     for s in np.atleast_1d(found.attrs.get("device_s", [])):
         place.axhline(float(s), color="0.85", linewidth=0.8, zorder=0)
     place.set_xscale("log")
+    place.xaxis.set_major_locator(LogLocator(subs=(1, 3)))
+    place.xaxis.set_major_formatter("{x:.0e}")
+    place.xaxis.set_minor_formatter("")
     place.set_xlabel("damage of the worst fibre [-]")
     place.set_ylabel("arc length from end A [m]")
     ranges.set_yscale("log")
