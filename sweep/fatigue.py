@@ -263,6 +263,17 @@ def damage_of(x: np.ndarray, given: Fatigue, settled: bool) -> tuple[float, floa
     return float((cycles[:, 2] * given.damage(cycles[:, 0], cycles[:, 1])).sum()), float(cycles[:, 2].sum())
 
 
+def counted(t: np.ndarray, inside: slice, period: float) -> tuple[slice, float, bool]:
+    """The samples to count, their time [s], and whether they are whole periods of a settled response."""
+    times = t[inside]
+    step, seconds = float(times[-1] - times[0]) / (len(times) - 1), float(times[-1] - times[0])
+    if math.isnan(period) or seconds < period * (1 - 1e-9):
+        return inside, seconds, False
+    seconds = period * math.floor(seconds / period * (1 + 1e-9))
+    stop = inside.indices(len(t))[1]
+    return slice(stop - max(3, round(seconds / step)), stop), seconds, True
+
+
 def wear(
     t: np.ndarray,
     signals: Mapping[str, np.ndarray],
@@ -281,15 +292,9 @@ def wear(
     period : of a settled response [s]: the last whole periods of the window are counted as a loop, so that no half
         cycles are left; NaN for a transient, whose window is counted as it is
     """
-    times = t[inside]
-    if len(times) < 3:
+    if len(t[inside]) < 3:
         return Wear()
-    step, seconds = float(times[-1] - times[0]) / (len(times) - 1), float(times[-1] - times[0])
-    settled = not math.isnan(period) and seconds > period * (1 - 1e-9)
-    if settled:
-        seconds = period * math.floor(seconds / period * (1 + 1e-9))
-        stop = inside.indices(len(t))[1]
-        inside = slice(stop - max(3, round(seconds / step)), stop)
+    inside, seconds, settled = counted(t, inside, period)
     bounds = [(most_damage(stress(), given), s, stress) for s, stress in fibres(signals, inside, cable, ends, given)]
     worst, where, number, history = -1.0, NAN, 0.0, np.zeros(0)
     for bound, s, stress in sorted(bounds, key=lambda entry: -entry[0]):
@@ -313,3 +318,32 @@ def wear(
         per_year=per_year,
         use=per_year * given.design_life * given.design_factor,
     )
+
+
+def everywhere(
+    t: np.ndarray,
+    signals: Mapping[str, np.ndarray],
+    cable: Sequence[Section],
+    ends: Sequence[End],
+    given: Fatigue,
+    inside: slice = slice(None),
+    period: float = math.nan,
+) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Damage of the worst fibre at each node that is cable, and the cycles of the worst of all.
+
+    Returns
+    -------
+    (n,) arc length [m]; (n,) damage; (m, 3) range [Pa], number and damage of the worst fibre's cycles
+    """
+    inside, _, settled = counted(t, inside, period)
+    worst: dict[float, float] = {}
+    most, history = -1.0, np.zeros(0)
+    for s, stress in fibres(signals, inside, cable, ends, given):
+        x = stress()
+        damage = damage_of(x, given, settled)[0]
+        worst[s] = max(worst.get(s, 0.0), damage)
+        if damage > most:
+            most, history = damage, x
+    cycles = count(closed(history) if settled else history)
+    each = cycles[:, 2] * given.damage(cycles[:, 0], cycles[:, 1])
+    return np.array(list(worst)), np.array(list(worst.values())), np.stack([cycles[:, 0], cycles[:, 2], each], axis=1)

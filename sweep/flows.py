@@ -1,4 +1,4 @@
-"""Where a point's energy goes: between cable and devices, and among the cable's modes. Reruns the point.
+"""Where a point's energy goes, between cable and devices and among modes, and where the cable tires. Reruns the point.
 
 Symbols: y offset of a device's mass, n its slide direction, M its mass with added mass, U the energy of its cords;
 u displacement from static, K and M stiffness and mass of the plain cable about its static state, eta_j = shape_j M u.
@@ -14,23 +14,26 @@ from typing import Any
 import numpy as np
 import xarray as xr
 
-from solvers import MODELS, Response, Scene, Status
+from solvers import MODELS, Response, Scene, Status, settled
 from solvers.catalogue import static_state
 from solvers.devices import law_energy, law_loss
 from solvers.dispatch import call_tangent
 from solvers.geometry import basis_of
 
 from .evaluate import evaluate_with_series, run_trusted
+from .fatigue import MEGA, everywhere
 from .metrics import LEDGER, LOSSES
 from .point import Point
 from .series import of_point
 from .signals import Modes, modal_energies, modes, share_above
 from .space import baseline_scene
 
-FINER = 10  # outputs of a flow in one of the study's: impacts last a millisecond
+FINER = 10  # outputs of a flow in one of the study's, at most: impacts last a millisecond
+MOST_OUTPUTS = 60_000  # of a flow's run: some 250 MB at 100 nodes
 MOST_TIMES = 2000  # of a figure
 MOST_NODES = 240  # of the cable whose modes are taken
 ABOVE = math.sqrt(2)  # times the excitation's highest frequency: modes further up are not forced directly
+BINS = 24  # of stress ranges
 CUTS = 1.0, ABOVE, 2.0, 4.0, 8.0  # of which shares are given
 
 
@@ -46,8 +49,8 @@ def flow(point: Point) -> xr.Dataset:
     """Energy of the cable and of each device over time, what has passed from the cable to each, and the losses.
 
     A device holds 1/2 M |v_host + y' n|^2 + U(y) and has lost the integral of its law's power; both together are what
-    the cable has passed to it. Losses of single devices are sums over outputs (``FINER`` to one of the study's) and
-    stand beside the exact ledger's total: the attribute ``gap`` is their relative difference.
+    the cable has passed to it. Losses of single devices are sums over outputs (up to ``FINER`` to one of the study's)
+    and stand beside the exact ledger's total: the attribute ``gap`` is their relative difference.
 
     Returns
     -------
@@ -65,7 +68,8 @@ def flow(point: Point) -> xr.Dataset:
         raise ValueError("no device of this design moves relative to the cable")
     if any(scene.devices[i].kind == "bnes_free" for i in sliding):
         raise ValueError("the energy of a free mass (`bnes_free`) does not follow from its offset alone")
-    ask = replace(point.ask, interval=point.ask.interval / FINER)
+    outputs = point.ask.duration / point.ask.interval + 1
+    ask = replace(point.ask, interval=point.ask.interval / max(1.0, min(FINER, MOST_OUTPUTS // outputs)))
     run = run_trusted(scene, ask).response
     if len(run.t) < 3:
         raise ValueError(f"the run of {point.key} leaves no history: {run.status.name}, {run.message}")
@@ -133,6 +137,62 @@ def _mount(run: Response, scene: Scene, device: Any) -> tuple[np.ndarray, np.nda
         return host, across * (1.0 if across[0] @ aim >= 0 else -1.0)
     across = aim - (chord @ aim)[:, None] * chord
     return host, across / np.linalg.norm(across, axis=1)[:, None]
+
+
+# --------------------------------------------------------------------------- fatigue
+
+
+def tired_of(directory: str | Path, key: str) -> xr.Dataset:
+    """As :func:`tired`, of a point of a folder."""
+    return of_point(Path(directory), key, f"{key}_fatigue", tired)
+
+
+def tired(point: Point) -> xr.Dataset:
+    """Fatigue damage along the cable, and the stress ranges behind it at the worst place; of the baseline too.
+
+    Returns
+    -------
+    dataset with ``damage`` (node) over ``s``, ``cycles`` and ``done`` (bin): number of cycles of a range, and their
+    damage, at the worst place; ``baseline_...`` likewise; ``range`` (bin) [MPa], the bins' middles
+
+    Raises
+    ------
+    ValueError
+        Where the study gives no fatigue curve, or the run leaves no history.
+    """
+    given = point.settings.fatigue
+    if given is None:
+        raise ValueError("the study gives no `metrics.fatigue`, and so there is no damage to draw")
+    record, raw = evaluate_with_series(point)
+    if raw.sizes.get("time", 0) < 3:
+        raise ValueError(f"the run of {point.key} leaves no history: {record.status}, {record.message}")
+    t = raw["time"].values
+    start, stop = point.settings.window or (t[0], t[-1])
+    inside = slice(int(np.searchsorted(t, start - 1e-9)), int(np.searchsorted(t, stop + 1e-9)))
+    period = settled.period(point.scene)[0] if record.method == "harmonic" else math.nan
+    found, cycles = xr.Dataset(), {}
+    for prefix, new in (("", ""), (f"{point.settings.baseline}_", "baseline_")):
+        if f"{prefix}position" not in raw:
+            continue
+        names = ("arc", "rigid", "tension", "position", "static_tangent", "curvature")
+        signals = {name: raw[prefix + name].values for name in names}
+        ends = (point.scene.end_a, point.scene.end_b)
+        s, damage, cycles[new] = everywhere(t, signals, point.scene.cable, ends, given, inside, period)
+        found[f"{new}s"] = (f"{new}node", s, {"units": "m", "long_name": "arc length from end A"})
+        found[f"{new}damage"] = (f"{new}node", damage, {"units": "1", "long_name": "damage of the worst fibre"})
+    most = max(float(each[:, 0].max(initial=0.0)) for each in cycles.values()) / MEGA
+    edges = np.linspace(0, most or 1.0, BINS + 1)
+    found["range"] = ("bin", (edges[1:] + edges[:-1]) / 2, {"units": "MPa", "long_name": "stress range"})
+    for new, each in cycles.items():
+        for name, column, text in (("cycles", 1, "cycles"), ("done", 2, "damage")):
+            values = np.histogram(each[:, 0] / MEGA, edges, weights=each[:, column])[0]
+            found[f"{new}{name}"] = ("bin", values, {"units": "1", "long_name": text})
+    found.attrs = {
+        "design": point.design, "status": record.status, "baseline": point.settings.baseline,
+        "devices": len(point.scene.devices), "error": record.metrics["fatigue_error"],
+        "device_s": [device.s for device in point.scene.devices],
+    }  # fmt: skip
+    return found
 
 
 # --------------------------------------------------------------------------- modes

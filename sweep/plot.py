@@ -26,7 +26,7 @@ from matplotlib.ticker import LogLocator, MaxNLocator
 from . import pareto
 from .across import across
 from .across_plot import plot_histories, plot_spectra
-from .flows import flow_of, modal_of
+from .flows import flow_of, modal_of, tired_of
 from .histories import (
     plot_energy,
     plot_envelope,
@@ -58,6 +58,7 @@ from .series import (
 )
 from .signal_plots import (
     plot_compared,
+    plot_fatigue,
     plot_flow,
     plot_modes,
     plot_phase,
@@ -507,6 +508,7 @@ PLOTS: dict[str, Kind] = {
     ),
     "flow": Kind(plot_flow, flow_of, "energy of cable and devices, and what passes between them", single=True),
     "modes": Kind(plot_modes, modal_of, "energy of the cable's modes, and its share at high frequencies", single=True),
+    "fatigue": Kind(plot_fatigue, tired_of, "fatigue damage along the cable, and its stress ranges", single=True),
     "profile": Kind(
         plot_profile,
         profile_of,

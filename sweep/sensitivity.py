@@ -175,8 +175,8 @@ def sentences(left: Left, kind: str) -> list[str]:
     found = []
     if left.complete < left.blocks:
         why = ", ".join(f"{n} {reason}" for reason, n in left.reasons.items())
-        found.append(f"{left.blocks - left.complete} of {left.blocks} {what} left out: they hold {left.points} "
-                     f"points that cannot be used ({why})")  # fmt: skip
+        held = f"{left.points} point{'s' * (left.points != 1)} that cannot be used ({why})"
+        found.append(f"{left.blocks - left.complete} of {left.blocks} {what} left out, for {held}")
     if left.clusters:
         where = ", ".join(f"{name} (p = {chance:.1g})" for name, chance in left.clusters.items())
         found.append(f"those points cluster along {where}: the indices are those of the rest of the design space")

@@ -233,6 +233,43 @@ def plot_modes(found: xr.Dataset, figure: Figure | None = None) -> Figure:
     return figure
 
 
+def plot_fatigue(found: xr.Dataset, figure: Figure | None = None) -> Figure:
+    """Damage along the cable, and number and damage of the cycles of each stress range at the worst place."""
+    figure = draw_in(figure, (9.6, 4.6))
+    place, ranges = figure.subplots(1, 2)
+    lower = ranges.twinx()
+    ranges.spines["right"].set_visible(True)
+    bins = found["range"].values
+    width = (bins[1] - bins[0]) if len(bins) > 1 else 1.0
+    handles: list[Any] = []
+    for new, text, colour in (("baseline_", base_label(found), BASE), ("", design_label(found), DESIGN)):
+        if f"{new}damage" not in found:
+            continue
+        place.plot(found[f"{new}damage"].values, found[f"{new}s"].values, color=colour, marker="o", markersize=2.5)
+        shift = 0.0 if not new else -0.2 * width
+        lower.bar(bins + shift + 0.1 * width, found[f"{new}done"].values, 0.4 * width, color=colour, alpha=0.45)
+        ranges.plot(bins, np.where(found[f"{new}cycles"] > 0, found[f"{new}cycles"], np.nan), color=colour, marker=".")
+        handles.append(Line2D([], [], color=colour, label=text))
+    for s in np.atleast_1d(found.attrs.get("device_s", [])):
+        place.axhline(float(s), color="0.85", linewidth=0.8, zorder=0)
+    place.set_xscale("log")
+    place.xaxis.set_major_locator(LogLocator(subs=(1, 3)))
+    place.xaxis.set_major_formatter("{x:.0e}")
+    place.xaxis.set_minor_formatter("")
+    place.set_xlabel("damage of the worst fibre [-]")
+    place.set_ylabel("arc length from end A [m]")
+    ranges.set_yscale("log")
+    ranges.set_xlabel("stress range [MPa]")
+    ranges.set_ylabel("lines: number of cycles [-]")
+    lower.set_ylabel("bars: their damage [-]")
+    ranges.set_title("cycles at the worst place", fontsize=9, pad=3)
+    error = float(found.attrs["error"])
+    place.set_title(f"every other output left out: {100 * error:.2g} %", fontsize=9, pad=3)
+    head(figure, found)
+    figure.legend(handles=handles, loc="outside lower center", ncols=2)
+    return figure
+
+
 # --------------------------------------------------------------------------- sensitivity
 
 

@@ -12,7 +12,19 @@ from test_config import mistakes, study
 
 from solvers import Section
 from sweep.config import MetricSettings, parse_study
-from sweep.fatigue import YEAR, Fatigue, Limits, bending, closed, count, damage_of, most_damage, turning_points, wear
+from sweep.fatigue import (
+    YEAR,
+    Fatigue,
+    Limits,
+    bending,
+    closed,
+    count,
+    damage_of,
+    everywhere,
+    most_damage,
+    turning_points,
+    wear,
+)
 from sweep.metrics import compute, summarise
 from sweep.space import point_key
 
@@ -128,6 +140,9 @@ def test_the_worst_place_is_that_of_a_search_over_all():
     bent, pull = np.abs(draw.standard_normal((len(T), 5))), draw.normal(1e4, 3e3, (len(T), 4))
     run = response(x, T, curvature=bent, tension=pull)
     found = wear(T, run.signals, slice(None), CABLE, ENDS, SN)
+    s, damage, cycles = everywhere(T, run.signals, CABLE, ENDS, SN)
+    assert damage.max() == cycles[:, 2].sum() == found.damage
+    assert (s[damage.argmax()], cycles[:, 1].sum()) == (found.s, found.cycles)
     bend = bending(run.signals, slice(None), ENDS)
     best = 0.0
     for i in range(5):

@@ -185,6 +185,16 @@ def modal_energies(baseline=True):
     return xr.Dataset(data, coords=coords, attrs=about)
 
 
+def tired():
+    arc, damage = np.linspace(0, 10, 11), np.geomspace(1e-6, 1e-3, 11)
+    data = {"range": ("bin", np.arange(5.0) * 20, {"units": "MPa"})}
+    for prefix in ("", "baseline_"):
+        data |= {f"{prefix}s": (f"{prefix}node", arc), f"{prefix}damage": (f"{prefix}node", damage)}
+        data |= {f"{prefix}cycles": ("bin", [50.0, 20, 5, 1, 0]), f"{prefix}done": ("bin", [1e-5, 1e-4, 2e-4, 1e-4, 0])}
+    about = {"error": 0.034, "device_s": [2.0, 5.0], "baseline": "locked", "key": "abcd", "design": 3, "status": "OK"}
+    return xr.Dataset(data, attrs=about)
+
+
 def probes(count=2):
     """The probe's displacement of a point, of its baseline and of others over it."""
     t = np.linspace(0, 2, 201)
@@ -210,7 +220,7 @@ def sensitivities(kind="saltelli", metrics=("delta", "gamma"), variables=("EA1",
 DATA = {"loop": loops, "response": response}
 DATA |= {"wavelet": lambda: wavelet(series()), "spectrum": lambda: spectrum(series())}
 DATA |= {"power": lambda: power(series()), "stroke-wavelet": lambda: stroke_wavelets(series())}
-DATA |= {"flow": flows, "modes": modal_energies, "compare": probes, "sensitivity": sensitivities}
+DATA |= {"fatigue": tired, "flow": flows, "modes": modal_energies, "compare": probes, "sensitivity": sensitivities}
 DATA |= dict.fromkeys(("front", "parallel", "ea"), study)
 DATA |= {"profile": profiles} | dict.fromkeys(("histories", "spectra"), environments)
 
@@ -475,7 +485,7 @@ def test_the_power_is_that_after_the_pulse():
 
 
 @pytest.mark.parametrize("kind", ["saltelli", "morris"])
-@pytest.mark.parametrize("count", [1, 2, 4])
+@pytest.mark.parametrize("count", [1, 4])
 def test_sensitivities_fit_their_paper(kind, count):
     metrics, variables = ("delta", "gamma", "rms", "t_settle")[:count], tuple(f"EA{i}" for i in range(2 * count))
     figure = drawn("sensitivity", sensitivities(kind, metrics, variables))
