@@ -5,8 +5,8 @@
     python docs/papers.py --dear [NAME ...]     the same, kept in docs/papers_numbers.json, and the report made anew
 
 Each function below is one group of numbers, named as in the report; it takes no arguments and returns a dictionary of
-floats. Those of chaotic runs are ensembles of at most `MEMBERS` runs from initial velocities that differ by 1e-6 m/s: `x` is
-the mean and `x_sd` the standard deviation of one run. Dear groups take some minutes each.
+floats. Where cords strike they are ensembles of at most `MEMBERS` runs from initial velocities that differ by
+1e-6 m/s: `x` is the mean and `x_sd` the standard deviation of one run. Dear groups take some minutes each.
 """
 
 # ruff: noqa: E402 (threads are set before numpy is imported)
