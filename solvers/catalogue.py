@@ -255,6 +255,11 @@ def cheapest(scene: sc.Scene, ask: Ask) -> Choice:
             raise CannotRepresent(f"harmonic: {reason}; methods that can: {', '.join(MARCHES)}")
     if method == "esdirk4" and MODELS[model].constrained:
         raise CannotRepresent(f"esdirk4: {model} has constraints, which it was not made for; take trbdf2 or genalpha")
+    if MODELS[model].constrained and ask.rho_space < 1 and ask.duration > 0:
+        raise CannotRepresent(
+            f"{model}: rho_space = {ask.rho_space:g} damps along s at rest alone; in motion what travels towards end A "
+            "would grow by 1/rho_space an element: take rho_space 1, and `rho` to damp in time"
+        )
     if METHODS[method].adaptive is False and ask.step is None and ask.duration > 0:
         raise CannotRepresent(f"{method} needs a `step`")
     return Choice(model, method, segments, why, estimate(scene, segments, model))
@@ -456,6 +461,7 @@ def run(scene: sc.Scene, ask: Ask, choice: Choice, check: bool = True) -> Respon
     if status != Status.OK:
         return Response(status=status, message=f"{note}; {REMEDY[status]}", **common)
     _in_range(choice.model, model.drift_error(static), "the drift in the current", ask)
+    falls = "" if periodic or ask.perturbation > 0 or scene.start.kind == "given" else leaving(model, static)
     joints = adaptive.NOTHING_LEFT_OUT
     if line.constrained and scene.start.kind != "given":
         joints = adaptive.joint_error(model, static, np.zeros(model.ndof), np.zeros(model.ndof), held=True)
@@ -471,10 +477,22 @@ def run(scene: sc.Scene, ask: Ask, choice: Choice, check: bool = True) -> Respon
             v += shake
 
     response = march(model, ask, choice, static, q, v, common, joints)
+    if falls and response.status == Status.OK:
+        return replace(response, status=Status.UNSTABLE, message=f"{falls}; {REMEDY[Status.UNSTABLE]}")
     if not check:
         return response
     trials = trials_of(ask, choice.method, model.n_gaps)
     return checked(response, ask, lambda other: march(model, other, choice, static, q, v, dict(common), joints), trials)
+
+
+def leaving(model: Any, static: np.ndarray) -> str:
+    """In words, that a static state is unstable; empty where it is not."""
+    if not has(type(model.pack), "tangent"):
+        return ""
+    fastest, n = model.fastest(static), max(model.segments, 1)
+    lowest = max(fastest["tension"] * math.pi / (2 * n), fastest["bending"] * (math.pi / (2 * n)) ** 2)
+    rate = statics.growth(model.static_pack, static, max(lowest, 1e-3 * fastest["axial"] * math.pi / (2 * n)))
+    return f"unstable equilibrium: a small disturbance grows e-fold in {1 / rate:.3g} s" if rate > 0 else ""
 
 
 def trials_of(ask: Ask, name: str, n_gaps: int) -> list[tuple[Ask, float]]:
@@ -651,15 +669,22 @@ class March(NamedTuple):
     out: Any  # methods.march.Output
     ends: Any  # methods.march.Ends; row 0 is the last state
     seconds: float
+    work: Any = None  # methods.implicit.Work, from which a march of the same model may go on
 
 
 def marched(
-    model: Any, ask: Ask, name: str, limits: Limits, q: np.ndarray, v: np.ndarray, pieces: np.ndarray, grid: np.ndarray
-) -> March:
-    """March a model by the method `name` from (q, v) over `pieces`, with output on `grid`."""
+    model: Any, ask: Ask, name: str, limits: Limits, q: np.ndarray, v: np.ndarray, pieces: np.ndarray, grid: np.ndarray,
+    before: March | None = None,
+) -> March:  # fmt: skip
+    """March a model by the method `name` from (q, v) over `pieces`, with output on `grid`; or, by an implicit method,
+    on from where its march `before` came to its end."""
     pack = model.pack
-    out, s = make_output(grid, model.ndof, len(pack.fixed)), make_ends(model.ndof)
-    s.q[0], s.v[0] = q, v
+    out = make_output(grid, model.ndof, len(pack.fixed))
+    if before is None:
+        s, newton = make_ends(model.ndof), implicit.make_work(model.ndof, pack.bw)
+        s.q[0], s.v[0] = q, v
+    else:
+        s, newton = before.ends, before.work
 
     def go(pieces: np.ndarray) -> int:
         if name in RUNGE_KUTTA:
@@ -670,16 +695,17 @@ def marched(
         if name == "esdirk4":
             stages = esdirk.make_work(model.ndof, pack.bw)
             return int(esdirk.march(pack, s, out, stages, esdirk.TABLE, pieces, *steps, ask.max_steps))
-        newton = implicit.make_work(model.ndof, pack.bw)
         if name == "trbdf2":
             return int(implicit.tr_bdf2(pack, s, out, newton, pieces, *steps, ask.max_steps))
         first, floor = limits.first, limits.floor
         return int(implicit.generalised_alpha(pack, s, out, newton, pieces, first, ask.rho, floor, ask.max_steps))
 
-    go(pieces[:1])  # compiles, or loads from the disk cache, and marches nothing: seconds are those of the march
+    if before is None:
+        go(pieces[:1])  # compiles, or loads from the disk cache, and marches nothing: seconds are those of the march
+        newton.go[:] = 0.0
     begun = time.perf_counter()
     code = Status(go(pieces))
-    return March(code, out, s, time.perf_counter() - begun)
+    return March(code, out, s, time.perf_counter() - begun, newton)
 
 
 def _cost(counts: np.ndarray, seconds: float) -> Cost:
@@ -707,11 +733,14 @@ def march(
         rest = model._nodal(static, pack.r)
 
         def one(
-            model: Any, left: int, q: np.ndarray, v: np.ndarray, pieces: np.ndarray, grid: np.ndarray
-        ) -> March:
+            model: Any, left: int, q: np.ndarray, v: np.ndarray, pieces: np.ndarray, grid: np.ndarray,
+            before: March | None, first: float,
+        ) -> March:  # fmt: skip
             if left == 0:
                 pieces = pieces[:1]  # nothing more may be done
-            done = marched(model, replace(ask, max_steps=max(left, 1)), name, limits, q, v, pieces, grid)
+            own = limits._replace(first=first) if first > 0 else limits
+            asked = replace(ask, max_steps=max(left, 1))
+            done = marched(model, asked, name, own, q, v, pieces, grid, before)
             return done._replace(code=Status.TOO_MANY_STEPS) if left == 0 else done
 
         run = adaptive.follow(model, ask, q, v, rest, grid, one, limits.floor)

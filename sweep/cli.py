@@ -11,12 +11,13 @@ import logging
 import math
 import os
 import sys
+from collections.abc import Callable
 from enum import StrEnum
+from importlib import resources
 from pathlib import Path
-from typing import Annotated, Any
+from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
-import xarray as xr
 from rich.console import Console
 
 from solvers import METHODS, MODELS, CannotRepresent, warm_up
@@ -26,6 +27,10 @@ from . import plan as planning
 from . import run as running
 from . import submit as submitting
 from .resolve import resolve
+from .supervise import fork_spare
+
+if TYPE_CHECKING:
+    import xarray as xr
 
 app = typer.Typer(
     add_completion=False,
@@ -51,7 +56,7 @@ class Retry(StrEnum):
 def say(text: object = "", err: bool = False) -> None:
     try:
         typer.echo(str(text), err=err)
-    except BrokenPipeError:  # `sweep show ... | head`: the work goes on, what it says goes nowhere
+    except OSError:  # `sweep show ... | head`, a job's log on a full disk: the work goes on, what it says goes nowhere
         os.dup2(os.open(os.devnull, os.O_WRONLY), (sys.stderr if err else sys.stdout).fileno())
 
 
@@ -73,10 +78,33 @@ def main() -> None:
 
 
 @app.command()
-def check(study: File, limit: Limit = None) -> None:
+def init(directory: Annotated[Path, typer.Argument(metavar="DIR", help="folder to be; made if need be")]) -> None:
+    """Write a commented starter study: study.yaml and the scene beside it."""
+    starter = resources.files("sweep") / "starter"
+    files = sorted((entry for entry in starter.iterdir() if entry.name.endswith(".yaml")), key=lambda entry: entry.name)
+    if there := [entry.name for entry in files if (directory / entry.name).exists()]:
+        raise store.StoreError(f"{directory} has {' and '.join(there)} already: name another folder")
+    try:
+        directory.mkdir(parents=True, exist_ok=True)
+        for entry in files:
+            (directory / entry.name).write_text(entry.read_text(encoding="utf-8"), encoding="utf-8")
+    except OSError as error:
+        raise store.StoreError(f"{directory} cannot be written: {error.strerror}") from None
+    say(f"wrote {', '.join(str(directory / entry.name) for entry in files)}")
+    say(f"next: sweep check {directory / 'study.yaml'}; sweep run {directory / 'study.yaml'} --out {directory / 'out'}")
+
+
+@app.command()
+def check(
+    study: File,
+    limit: Limit = None,
+    designs: Annotated[
+        Path | None, typer.Option(metavar="FRONT.nc", help="the designs of this front or results.nc instead")
+    ] = None,
+) -> None:
     """What would run: points, model and method and why, resolution, cost and disk. Runs a few pilots."""
     warm_up()
-    loaded, because = resolve(config.load_study(study))
+    loaded, because = resolve(config.load_study(study, designs))
     plan = planning.make_plan(loaded, limit)
     for label, why in because.items():
         say(f"mesh         {label}: {why}")
@@ -99,6 +127,7 @@ def metrics() -> None:
         for m in config.METRICS.values()
     ]
     say(report.table("", ("metric", "unit", "better", "definition", "equation"), rows, Console()))
+    say(f"\n{report.SUFFIXES}")
 
 
 @app.command()
@@ -131,14 +160,13 @@ def run(
     ] = None,
     retry: Annotated[list[Retry] | None, typer.Option(help="run these again; may be given twice")] = None,
     force_version: Annotated[bool, typer.Option(help="add to rows of another solver version")] = False,
+    designs: Annotated[
+        Path | None, typer.Option(metavar="FRONT.nc", help="run the designs of this front or results.nc instead")
+    ] = None,
 ) -> None:
     """Run what is missing, on this core or, under `mpirun -n P python -m mpi4py -m sweep run`, on P."""
-    ranks = distribute.world()
-    _log(ranks)
-    if ranks.rank > 0:
-        raise typer.Exit(distribute.serve(ranks))
-    code, abort = 2, False
-    try:
+
+    def work(ranks: distribute.World) -> running.Outcome:
         settings = running.Settings(
             directory=out,
             limit=limit,
@@ -146,14 +174,53 @@ def run(
             retry=frozenset(kind.value for kind in retry or ()),
             any_version=force_version,
         )
-        ended = running.run(config.load_study(study), settings, ranks)
+        return running.run(config.load_study(study, designs), settings, ranks)
+
+    _on_ranks(work, lambda ended: report.ending(ended.groups, ended.interrupted, ended.results, out))
+
+
+def _on_ranks(work: Callable[[distribute.World], Any], told: Callable[[Any], str]) -> None:
+    """Do the work on rank 0 while the other ranks serve; say how it ended, and end them all with its exit code."""
+    fork_spare()  # before MPI begins
+    ranks = distribute.world()
+    _log(ranks)
+    if ranks.rank > 0:
+        raise typer.Exit(distribute.serve(ranks))
+    code = 2
+    try:
+        ended = work(ranks)
         code = ended.exit_code
-        say(report.ending(ended.groups, ended.interrupted, ended.results, out))
+        say(told(ended))
     except BAD_INPUT as error:
-        code, abort = complain(error), isinstance(error, distribute.Silent)
+        code = complain(error)
+    except KeyboardInterrupt:
+        code = 3
     finally:
-        distribute.dismiss(ranks, code, abort)
+        distribute.dismiss(ranks, code)
     raise typer.Exit(code)
+
+
+@app.command(name="optimise")
+def optimise_command(
+    study: File,
+    out: Annotated[Path, typer.Option(metavar="DIR", help="results folder; what is done there is not run again")],
+    evaluations: Annotated[
+        int | None, typer.Option(min=1, metavar="N", help="distinct designs to run in all, instead of the study's")
+    ] = None,
+    force_version: Annotated[bool, typer.Option(help="go on with other versions of the solver or of pymoo")] = False,
+) -> None:
+    """Look for the front, on this core or, under `mpirun -n P python -m mpi4py -m sweep optimise`, on P; resumes."""
+    from . import optimise
+
+    settings = running.Settings(directory=out, any_version=force_version)
+
+    def told(ended: running.Outcome) -> str:
+        return (
+            f"{report.ending(ended.groups, ended.interrupted, ended.results, out)}\n"
+            f"search     {optimise.progress_of(out)}\nthen       sweep pareto {out}; sweep plot {out} hypervolume"
+        )
+
+    _on_ranks(lambda ranks: optimise.optimise(config.load_study(study), settings, evaluations, ranks), told)
 
 
 def _log(ranks: distribute.World) -> None:
@@ -225,10 +292,18 @@ def status(
     if replay.journals:
         say(report.writers_table(replay.journals, live, locks.server_clock(directory / "parts"), Console()))
     to_go = groups["MISSING", ""]
+    if store.searched(directory):
+        from . import optimise
+
+        search = optimise.progress_of(directory)
+        say(f"search     {search}")
+        left = 0 if search is None or search.ended else max(search.evaluations - search.done, 1)
+        to_go = left * len(plan.environments)
     parts = {holder.part for holder in live}
     pace = sum(journal.pace for journal in replay.journals if journal.writer.rpartition("-")[0] in parts)
     say(report.outlook(to_go, pace, len(live)))
     if missing and to_go:
+        running.begun(directory)
         raise typer.Exit(3)
 
 
@@ -346,21 +421,73 @@ def pareto_command(
     significant: Annotated[
         bool, typer.Option(help="one point of each group tied within its error bars")
     ] = False,
+    z: Annotated[
+        float, typer.Option("--z", min=0.0, help="standard deviations of a difference within which points are tied")
+    ] = pareto.Z,
 ) -> None:
     """The front over trusted points: a table, DIR/front.nc, and a figure."""
     dataset = store.open_study(directory)
     objectives = json.loads(dataset.attrs["objectives"])
     chosen = pareto.front(dataset, objectives)
-    tied = ~pareto.significant(dataset, objectives, chosen)
+    tied = ~pareto.significant(dataset, objectives, chosen, z)
+    note = report.ties_note(dataset, objectives, chosen, tied, z)
     if significant:
         chosen, tied = chosen[~tied], tied[~tied]
     say(report.front_table(dataset, objectives, chosen, tied, pareto.best(dataset, objectives), Console()))
     if not chosen.size:
         return
+    say(note)
     dim = "design" if "environment" in dataset.dims else "point"
-    front = dataset.isel({dim: chosen}).assign(tied=(dim, tied))
+    front = dataset.isel({dim: chosen}).assign(tied=(dim, tied, {"long_name": note.replace("\n", "; "), "z": z}))
     path = store.write_whole(directory / "front.nc", lambda place: front.to_netcdf(place, engine="netcdf4"))
     say(f"\nfront   {path}\nfigure  {_plots().save_plot(directory, 'front')}")
+
+
+@app.command(name="sensitivity")
+def sensitivity_command(
+    directory: Folder,
+    metric: Annotated[
+        list[str] | None, typer.Option(metavar="NAME", help="a metric, by default every objective; may be given again")
+    ] = None,
+) -> None:
+    """Which variables matter: Sobol indices (`sampler: saltelli`), a screening (`morris`), or first-order indices of
+    any random design; a table, DIR/sensitivity.nc, and a figure. Says what failed runs left out."""
+    from .sensitivity import sensitivity_of
+    from .signal_plots import save_sensitivity
+
+    try:
+        found = sensitivity_of(directory, metric or ())
+    except ValueError as error:
+        if isinstance(error, BAD_INPUT):
+            raise
+        raise store.StoreError(f"sensitivity: {error}") from error
+    say(report.sensitivities(found, Console()))
+    path = store.write_whole(directory / "sensitivity.nc", lambda place: found.to_netcdf(place, engine="netcdf4"))
+    say(f"\nindices {path}\nfigure  {save_sensitivity(found, directory / 'figures' / 'sensitivity.png')}")
+
+
+@app.command(name="audit")
+def audit_command(
+    directory: Folder,
+    sample: Annotated[int, typer.Option(min=0, metavar="N", help="trusted designs beside the front, at random")] = 8,
+    model: Annotated[str | None, typer.Option(help="line of the audit [the next costlier]")] = None,
+    segments: Annotated[int | None, typer.Option(min=2, metavar="N", help="mesh of the audit")] = None,
+    seed: Annotated[int, typer.Option(min=0, help="of the sample")] = 0,
+) -> None:
+    """Run the front and a sample again with the next costlier model: how far metrics, order and front may be believed.
+
+    The study's rows stay as they are; DIR/audit has the audit's, DIR/audit.nc both. Under mpirun as `run`.
+    """
+    from . import audit
+
+    wanted = audit.Wanted(sample=sample, seed=seed, model=model, segments=segments)
+
+    def told(ended: audit.Ended) -> str:
+        if ended.data is None:
+            return f"interrupted by {ended.interrupted}: the same command goes on from here"
+        return f"{report.audited(ended.data, Console())}\n\naudit      {directory / 'audit.nc'}"
+
+    _on_ranks(lambda ranks: audit.audit(directory, wanted, ranks), told)
 
 
 def _plots() -> Any:
@@ -378,7 +505,8 @@ def plot(
         str | None, typer.Option(metavar="best|KEY", help="the point to show, in figures of one point")
     ] = None,
     over: Annotated[
-        list[str] | None, typer.Option(metavar="KEY", help="profile: lay this point over it; may be given again")
+        list[str] | None,
+        typer.Option(metavar="KEY", help="profile, compare: lay this point over it; may be given again"),
     ] = None,
 ) -> None:
     """Draw a figure into DIR/figures."""
@@ -389,8 +517,10 @@ def plot(
     cheap = [name for name, entry in plots.PLOTS.items() if not entry.dear]
     if kind == "all" and (point or over):
         raise typer.BadParameter("`all` shows the best point: name one kind of figure", param_hint="--point, --over")
-    dataset = store.open_study(directory) if point or over else xr.Dataset()
-    key, others = _key(dataset, point) if point else None, [_key(dataset, text) for text in over or ()]
+    dataset = store.open_study(directory) if point or over else None
+    key, others = None, []
+    if dataset is not None:
+        key, others = _key(dataset, point) if point else None, [_key(dataset, text) for text in over or ()]
     for name in cheap if kind == "all" else [kind]:
         try:
             say(plots.save_plot(directory, name, key, others))

@@ -5,17 +5,18 @@ from __future__ import annotations
 import json
 import re
 from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import fields
+from dataclasses import asdict, fields
 from typing import Any
 
 import numpy as np
 import xarray as xr
 
-from .config import Metric, Study, find_metric
+from .config import DESIGN_QUANTITIES, Metric, Study, find_metric, split_name
 from .metrics import metric_names
-from .pareto import CRITERION
+from .pareto import CRITERION, aggregate, aggregate_deviation, aggregates
 from .plan import Plan
 from .point import Record
+from .space import design_quantity
 
 ABOUT = {  # unit and meaning of a row's own fields
     "key": ("", "hash of the point's physics inputs"),
@@ -61,7 +62,7 @@ def assemble(
     """One dataset of planned points, by design and environment; without a row they are MISSING.
 
     With one environment the dimension is ``point``; with several they are ``design`` and ``environment``, and
-    each metric has its mean and its worst over the environments.
+    each metric has its mean, its worst and the quantile of its bad tail over the environments.
 
     Parameters
     ----------
@@ -79,20 +80,33 @@ def assemble(
     if several:
         coordinates["environment"] = ("environment", plan.environments)
     for name in study.variables:
-        values = plan.designs.column(name)[begin:end].copy()
-        coordinates[name] = (index, values, _variable_about(study, name))
+        column = plan.designs.column(name)[begin:end]
+        if study.variables[name].labels is None:
+            coordinates[name] = (index, column.copy(), _variable_about(study, name))
+            continue
+        labels = [study.variables[name].shown(value) for value in column]
+        kind = float if study.variables[name].numeric else object
+        coordinates[name] = (index, np.array(labels, dtype=kind), _variable_about(study, name))
     dataset = xr.Dataset(coords=coordinates, attrs=_attributes(study, headers))
     for field in fields(Record):
         if field.name in ABOUT:
             kind = {"str": object, "int": np.int64, "float": np.float64}[str(field.type)]
             column = np.array([getattr(record, field.name) for record in records], dtype=kind)
             dataset[field.name] = (dims, column.reshape(shape), _about(*ABOUT[field.name]))
+    for name in DESIGN_QUANTITIES.keys() & study.constraints.keys():
+        unit, meaning, _ = DESIGN_QUANTITIES[name]
+        column = np.array([design_quantity(study, values, name) for values in plan.designs[begin:end]], dtype=float)
+        dataset[name] = (index, column, _about(unit, meaning))
     found = {name for record in records for name in record.metrics} if metrics is None else set(metrics)
     for name in _columns(study, found):
         column = np.array([record.metrics.get(name, np.nan) for record in records], dtype=float)
         dataset[name] = (dims, column.reshape(shape), _metric_about(name))
-        if several:
-            _aggregate(dataset, name)
+        if several and not name.endswith("_sd"):
+            _aggregate(dataset, name, column.reshape(shape))
+    for name in [str(name) for name in dataset.data_vars if several and f"{name}_sd" in dataset]:
+        for how in aggregates(name):
+            bound = aggregate_deviation(dataset[f"{name}_sd"].values, how)
+            dataset[f"{name}_{how}_sd"] = ("design", bound, _metric_about(f"{name}_{how}_sd"))
     return dataset
 
 
@@ -106,17 +120,13 @@ def _columns(study: Study, found: set[str]) -> list[str]:
     return [*declared, *sorted(found - set(declared))]
 
 
-def _aggregate(dataset: xr.Dataset, name: str) -> None:
-    """Mean and worst over the environments; a missing or failed environment leaves no aggregate."""
-    values, about = dataset[name].values, dataset[name].attrs
-    dataset[f"{name}_mean"] = (
-        "design",
-        values.mean(axis=1),
-        about | {"long_name": f"mean of {about['long_name']}"},
-    )
-    if about.get("direction") in ("min", "max"):
-        worst = values.max(axis=1) if about["direction"] == "min" else values.min(axis=1)
-        dataset[f"{name}_worst"] = ("design", worst, about | {"long_name": f"worst of {about['long_name']}"})
+def _aggregate(dataset: xr.Dataset, name: str, values: np.ndarray) -> None:
+    """Mean, worst and quantile over the environments; a missing or failed environment leaves no aggregate."""
+    about = dataset[name].attrs
+    for how in aggregates(name) if about.get("direction") in ("min", "max") else ["mean"]:
+        found = aggregate(values, how, about.get("direction"))
+        said = f"{how} of" if how in ("mean", "worst") else f"{how[1:]} % quantile, its bad tail, of"
+        dataset[f"{name}_{how}"] = ("design", found, about | {"long_name": f"{said} {about['long_name']}"})
 
 
 def _about(unit: str, meaning: str) -> dict[str, str]:
@@ -131,11 +141,15 @@ def _metric_about(name: str) -> dict[str, str]:
     device = re.fullmatch(rf"{metric.name}_(\d+)", name)
     if device:
         about |= {"long_name": f"{metric.definition.split(';')[0]}; device {device[1]}"}
+    if name.endswith("_ensemble"):
+        about |= {"long_name": f"mean of {name.removesuffix('_ensemble')} over the run and its perturbed repetitions"}
     if name.endswith("_spread"):
         about |= {
             "long_name": f"spread of {name.removesuffix('_spread')} over perturbed runs",
             "direction": "none",
         }
+    if split_name(name)[1][-1:] == ("sd",):
+        about |= {"long_name": f"standard uncertainty of {name.removesuffix('_sd')}", "direction": "none"}
     return about | ({"equation": metric.equation} if metric.equation else {})
 
 
@@ -156,6 +170,7 @@ def _attributes(study: Study, headers: Sequence[Mapping[str, Any]]) -> dict[str,
         "description": study.description,
         "study": study.text,
         "objectives": json.dumps(list(study.objectives)),
+        "constraints": json.dumps({name: asdict(bound) for name, bound in study.constraints.items()}),
         "criterion": CRITERION,
         "solver": ", ".join(sorted({str(header.get("solver", "")) for header in kept})),
         "versions": json.dumps([header.get("versions", {}) for header in kept]),

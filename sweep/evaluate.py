@@ -17,10 +17,11 @@ import numpy as np
 from solvers import QUANTITIES, Ask, CannotRepresent, Response, Scene, Status, solve
 from solvers.model import REMEDY
 
-from .config import MetricSettings
+from .config import MetricSettings, Uncertainty, split_name
 from .metrics import FINISHED, LEDGER, Summary, compute, metric_names, settling_index, summarise, transverse
 from .point import Point, Record
 from .space import baseline_model, baseline_scene, point_key
+from .uncertainty import JITTER, chaos, deviations, twin_growth
 
 if TYPE_CHECKING:  # workers make records, and do not wait for what only series need
     import xarray as xr
@@ -81,6 +82,8 @@ def evaluate_with_series(point: Point, baselines: Sequence[str] | None = None) -
 
 
 def _guarded(point: Point) -> tuple[Record, Response | None]:
+    if point.problem:
+        return _failed(point, "IMPOSSIBLE", point.problem), None
     try:
         return _evaluate(point)
     except CannotRepresent as error:
@@ -156,7 +159,7 @@ def baseline_of(point: Point, response: Response) -> Baseline:
     """The point's baseline, computed once in this process; the design's own run where it is its baseline."""
     scene = baseline_scene(point.scene, point.settings.baseline)
     ask = baseline_ask(point.ask, response, point.settings.baseline)
-    window = replace(point.settings, repeats=0, objectives=())
+    window = point.settings.single
     sections = point.scene.cable
     key = point_key(scene, ask, window) + point_key(replace(point.scene, devices=()), ask)
     if key in _baselines:
@@ -208,6 +211,9 @@ def _evaluate(point: Point) -> tuple[Record, Response]:
     metrics = compute(summary, base, devices)
     if settings.repeats and summary is not None:
         metrics |= _spreads(point, response, base, metrics)
+    if settings.uncertainty is not None and summary is not None and response.trusted:
+        found, why = _uncertainty(point, run, base, compute(summary, base, devices))
+        metrics, message = metrics | found, _join(message, why)
     record = Record(
         key=point.key,
         design=point.design,
@@ -236,9 +242,12 @@ def _evaluate(point: Point) -> tuple[Record, Response]:
 def _spreads(
     point: Point, response: Response, base: Summary | None, metrics: dict[str, float]
 ) -> dict[str, float]:
-    """Half the range of each objective over the run and its perturbed, trusted repetitions."""
+    """Half the range of each objective over the run and its perturbed, trusted repetitions, and their mean.
+
+    ``<metric>_ensemble`` is the mean, NaN where no repetition could be trusted: a single run's luck is no mean.
+    """
     settings: MetricSettings = point.settings
-    stems = [name.removesuffix("_mean").removesuffix("_worst") for name in settings.objectives]
+    stems = [split_name(name)[0] for name in settings.objectives]
     rows = [metrics]
     for k in range(settings.repeats):
         ask = replace(point.ask, perturbation=settings.perturbation, seed=point.ask.seed + k + 1)
@@ -251,7 +260,68 @@ def _spreads(
         # the settled response does not depend on the start: repeating it says nothing of its spread
         good = response.method != "harmonic" and len(rows) > 1 and bool(np.all(np.isfinite(values)))
         spreads[f"{name}_spread"] = float(np.ptp(values)) / 2 if good else NAN
+        spreads[f"{name}_ensemble"] = float(np.mean(values)) if len(rows) > 1 else NAN
     return spreads
+
+
+def _uncertainty(
+    point: Point, run: Run, base: Summary | None, metrics: dict[str, float]
+) -> tuple[dict[str, float], str]:
+    """``<metric>_sd`` of every metric, ``chaos``, and what kept them from being known; see ``sweep.uncertainty``."""
+    asked: Uncertainty = point.settings.uncertainty
+    response, devices, plain = run.response, len(point.scene.devices), point.settings.single
+    settled = response.method == "harmonic" or point.ask.duration == 0  # does not depend on the start
+    fixed = not run.tolerance > 0
+    same = replace(baseline_ask(point.ask, response), tolerance=point.ask.tolerance if fixed else run.tolerance)
+    same = replace(same, model=response.model)  # that of the design, whatever the baseline is run as
+    wrong: list[str] = []
+
+    def again(ask: Ask, what: str) -> Response | None:
+        try:
+            found = _solve(point.scene, ask)
+        except CannotRepresent as error:
+            wrong.append(f"{what}: {error}")
+            return None
+        if not found.trusted:
+            wrong.append(f"{what} ended {found.status.name}")
+        return found if found.trusted else None
+
+    def row(ask: Ask, what: str) -> dict[str, float]:
+        found = again(ask, what)
+        if found is None:
+            return dict.fromkeys(metrics, NAN)
+        baseline = baseline_of(replace(point, ask=ask), found)
+        if baseline.status != Status.OK:
+            wrong.append(f"the baseline of {what} ended {baseline.status.name}")
+        sure = baseline.summary if baseline.status == Status.OK else None
+        return compute(summarise(found, point.scene, plain), sure, devices)
+
+    ensemble, growths = [], []
+    for k in range(0 if settled else asked.runs):
+        ask = replace(same, perturbation=asked.perturbation, seed=point.ask.seed + k + 1)
+        if k % 2:
+            ask = tighter(ask, 1 - JITTER * (k + 1))
+        member = again(ask, f"ensemble run {k + 1}")
+        if member is not None:
+            ensemble.append(compute(summarise(member, point.scene, plain), base, devices))
+        if member is not None and not k % 2:
+            growths.append(twin_growth(response, member))
+    if not settled and len(ensemble) < 2:
+        ensemble = [dict.fromkeys(metrics, NAN)] * 2  # too few to tell
+    close = metrics if point.ask.duration == 0 else row(tighter(same, 0.5 if fixed else 0.1), "the run in finer time")
+    segments = round(asked.refine * response.segments)
+    finer = segments / max(response.segments, 1)
+    mesh = tighter(replace(same, segments=segments), finer**-2 if fixed else 1.0)  # a fixed step must stay stable
+    fine = row(mesh, f"the run on {segments} segments")
+    found = deviations(metrics, ensemble, close, fine, finer) | chaos(growths)
+    return found, f"uncertainty: {', '.join(wrong)}" if wrong else ""
+
+
+def tighter(ask: Ask, factor: float) -> Ask:
+    """The same with the tolerance, or the step of a fixed-step run, times a factor; a step that is chosen stays."""
+    if ask.tolerance is not None:
+        return replace(ask, tolerance=ask.tolerance * factor)
+    return ask if ask.step is None else replace(ask, step=ask.step * factor)
 
 
 # --------------------------------------------------------------------------- time series

@@ -9,7 +9,7 @@ import xarray as xr
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
-from .config import find_metric
+from .config import find_metric, split_name
 
 DESIGN, BASE, BEST, FAIR = "#0072B2", "#8c8c8c", "#D55E00", "#009E73"  # Okabe and Ito; grey for baselines
 YELLOW, PINK, SKY = "#E69F00", "#CC79A7", "#56B4E9"
@@ -72,11 +72,8 @@ def variable_label(variable: xr.DataArray) -> str:
 
 def symbol(name: str) -> str:
     """A metric as it is written in a figure."""
-    stem, tail = name, ""
-    for suffix in ("_mean", "_worst"):
-        if name.endswith(suffix):
-            stem, tail = name.removesuffix(suffix), f", {suffix[1:]}"
-    return SYMBOLS.get(stem, stem.replace("_", " ")) + tail
+    stem, said = split_name(name)
+    return ", ".join([SYMBOLS.get(stem, stem.replace("_", " ")), *said])
 
 
 ACROSS, UP, WORDS = ("← better", "better →"), ("↓ better", "↑ better"), ("less is better", "more is better")
@@ -90,6 +87,12 @@ def metric_label(name: str, better: tuple[str, str] = ACROSS, between: str = "  
     way = {"min": better[0], "max": better[1]}.get(metric.direction or "")
     text = f"{symbol(name)} [{pretty_unit(metric.unit)}]"
     return f"{text}{between}{way}" if way else text
+
+
+def metric_unit(name: str) -> str:
+    """A metric's unit as it is read."""
+    metric = find_metric(name)
+    return "-" if metric is None else pretty_unit(metric.unit)
 
 
 def draw_in(figure: Figure | None, size: tuple[float, float]) -> Figure:

@@ -151,6 +151,7 @@ _CURES = (
     (r"(`rod: cords` is .*)", "rod", ""),
     (r"(`t` has .*|`z` has .*|`\w` must increase)", "", "one entry for each, in increasing order"),
     (r"(`shape` belongs to .*)", "shape", "write `kind: given` and `shape: [[x, y, z], ...]`, or neither"),
+    (r"(`values` and `file` belong .*)", "", "write `kind: given`, or remove them"),
     (r"(`(?:n|levels)` .*)", "", "e.g. {kind: sobol, n: 100} or {kind: grid, n: 5}"),
 )
 

@@ -2,14 +2,18 @@
 
 from __future__ import annotations
 
+import json
 from collections.abc import Sequence
+from typing import TYPE_CHECKING
 
 import numpy as np
-import xarray as xr
-from pymoo.util.nds.non_dominated_sorting import NonDominatedSorting
 
-from .config import find_metric
+from .config import AGGREGATES, bad_tail, find_metric, split_name
 
+if TYPE_CHECKING:  # it and pymoo take half a second that ranks do not need
+    import xarray as xr
+
+Z = 1.96  # differences below Z standard deviations are ties: 95 % of a normal distribution
 CRITERION = (
     "smallest Euclidean distance to the ideal point over the trusted front, each objective scaled to [0, 1] "
     "between its best and worst value on that front"
@@ -26,20 +30,60 @@ def direction(name: str) -> str:
     return metric.direction
 
 
+def aggregates(name: str) -> list[str]:
+    """What results hold of a metric over several environments: mean, worst and the quantile of its bad tail."""
+    metric = find_metric(name)
+    tail = bad_tail(metric) if metric else None
+    return ["mean"] if tail is None else ["mean", "worst", f"q{tail}"]
+
+
+def aggregate(values: np.ndarray, how: str, better: str | None) -> np.ndarray:
+    """A metric over the environments: (n, m) to (n,). NaN where one of them is missing, failed or undefined.
+
+    Parameters
+    ----------
+    how : ``mean``; ``worst``, the largest where less is better and else the smallest; ``qNN``, the quantile below which
+        NN % of the environments lie, linear between them. The bad tail is q90 where less is better, q10 where more is.
+    better : 'min' or 'max': what of the metric is better
+    """
+    with np.errstate(invalid="ignore"):
+        if how == "mean":
+            return np.asarray(values.mean(axis=1))
+        if how == "worst":
+            return np.asarray(values.max(axis=1) if better == "min" else values.min(axis=1))
+        found = np.quantile(values, int(how[1:]) / 100, axis=1)
+        if np.isinf(values).any():  # between two numbers of which one is infinite: the worse
+            worse = np.quantile(values, int(how[1:]) / 100, axis=1, method="higher" if better == "min" else "lower")
+            found = np.where(np.isinf(values).any(axis=1), worse, found)
+    return np.where(np.isnan(values).any(axis=1), np.nan, found)
+
+
+def aggregate_deviation(deviations: np.ndarray, how: str) -> np.ndarray:
+    """A bound of the standard uncertainty of an aggregate: (n, m) of the environments to (n,).
+
+    For the mean their mean, which it is where their errors go together, as those of a mesh do, and which it stays below
+    where they do not; for the worst and for quantiles the largest.
+    """
+    return np.asarray(deviations.mean(axis=1) if how == "mean" else deviations.max(axis=1))
+
+
 def column(dataset: xr.Dataset, name: str) -> xr.DataArray:
-    """A metric over points or designs; over several environments its mean, or its ``_worst`` if so named."""
+    """A metric over points or designs; over several environments its mean, or its ``_worst`` or ``_q10``."""
     if name in dataset and "environment" not in dataset[name].dims:
         return dataset[name]
-    stem = name.removesuffix("_mean").removesuffix("_worst")
-    if name == stem and f"{stem}_mean" in dataset:
+    stem, said = split_name(name)
+    if said[:1] == ("ensemble",):
+        stem, said = f"{stem}_ensemble", said[1:]
+    if not said and f"{stem}_mean" in dataset:
         return dataset[f"{stem}_mean"]
-    if stem not in dataset:
+    if stem not in dataset or len(said) > 1 or not all(AGGREGATES.fullmatch(word) for word in said):
         raise ValueError(f"the results hold no metric `{name}`")
     values = dataset[stem]
-    if name.endswith("_worst"):
-        worst = values.max if direction(stem) == "min" else values.min
-        return worst("environment", skipna=False)
-    return values.mean("environment", skipna=False)
+    if "environment" not in values.dims:
+        raise ValueError(f"`{name}` is over environments, and the results have one")
+    how = said[0] if said else "mean"
+    better = None if how == "mean" else direction(stem)
+    return values.isel(environment=0, drop=True).copy(data=aggregate(values.values, how, better))
 
 
 def trusted(dataset: xr.Dataset) -> np.ndarray:
@@ -59,9 +103,35 @@ def costs(dataset: xr.Dataset, objectives: Sequence[str]) -> np.ndarray:
     )
 
 
+def excesses(dataset: xr.Dataset) -> dict[str, np.ndarray]:
+    """Each constraint of the study, as ``stroke <= 0.3``: (n,) by how much it is broken; at most 0 where it is kept.
+
+    With several environments the worst of them counts. NaN where there is no number.
+    """
+    found = {}
+    for name, bound in json.loads(dataset.attrs.get("constraints", "{}")).items():
+        for side, sign in (("min", -1.0), ("max", 1.0)):
+            if bound[side] is not None:
+                values = dataset[name] if name in dataset else (dataset["status"] == "OK") * np.nan
+                over = sign * (values - bound[side])
+                if "environment" in over.dims:
+                    over = over.max("environment", skipna=False)
+                found[f"{name} {'>=' if side == 'min' else '<='} {bound[side]:g}"] = over.to_numpy()
+    return found
+
+
+def allowed(dataset: xr.Dataset) -> np.ndarray:
+    """(n,) bool: every constraint of the study is kept; one without a number is not."""
+    kept = np.ones(len(trusted(dataset)), dtype=bool)
+    for over in excesses(dataset).values():
+        kept &= over <= 0
+    return kept
+
+
 def eligible(dataset: xr.Dataset, objectives: Sequence[str]) -> np.ndarray:
-    """Indices of points that may be on a front: trusted, every objective finite."""
-    return np.flatnonzero(trusted(dataset) & np.isfinite(costs(dataset, objectives)).all(axis=1))
+    """Indices of points that may be on a front: trusted, every objective finite, no constraint broken."""
+    finite = np.isfinite(costs(dataset, objectives)).all(axis=1)
+    return np.flatnonzero(trusted(dataset) & finite & allowed(dataset))
 
 
 def front(dataset: xr.Dataset, objectives: Sequence[str]) -> np.ndarray:
@@ -70,6 +140,8 @@ def front(dataset: xr.Dataset, objectives: Sequence[str]) -> np.ndarray:
     if not candidates.size:
         return candidates
     values = costs(dataset, objectives)[candidates]
+    from pymoo.util.nds.non_dominated_sorting import NonDominatedSorting
+
     first = NonDominatedSorting().do(values, only_non_dominated_front=True)
     return np.sort(candidates[np.asarray(first, dtype=int)])
 
@@ -85,13 +157,27 @@ def best(dataset: xr.Dataset, objectives: Sequence[str], among: np.ndarray | Non
     return int(chosen[np.argmin(np.linalg.norm(scaled, axis=1))])
 
 
+def deviations(dataset: xr.Dataset, objectives: Sequence[str]) -> np.ndarray:
+    """(n, n_objective) standard uncertainty of each objective; NaN where it is not known, or was not asked for."""
+    found = np.full((len(trusted(dataset)), len(objectives)), np.nan)
+    for j, name in enumerate(objectives):
+        stem, said = split_name(name)
+        if f"{stem}_sd" in dataset:
+            known = dataset[f"{stem}_sd"]
+            values = known.values.astype(float)
+            if "environment" in known.dims:
+                values = aggregate_deviation(values, said[0] if said else "mean")
+            found[:, j] = values
+    return found
+
+
 def spreads(dataset: xr.Dataset, objectives: Sequence[str]) -> np.ndarray:
     """(n, n_objective) half range of each objective over perturbed repetitions: 0 where none were asked for, inf where
     they were asked for and none could be trusted (such a point is tied with every other)."""
     n = len(trusted(dataset))
     found = np.zeros((n, len(objectives)))
     for j, name in enumerate(objectives):
-        stem = name.removesuffix("_mean").removesuffix("_worst")
+        stem = split_name(name)[0]
         if f"{stem}_spread" in dataset:
             spread = dataset[f"{stem}_spread"]
             if "environment" in spread.dims:
@@ -100,25 +186,36 @@ def spreads(dataset: xr.Dataset, objectives: Sequence[str]) -> np.ndarray:
     return found
 
 
+def barred(dataset: xr.Dataset, objectives: Sequence[str]) -> list[str]:
+    """Where each objective's error bar is from: ``sd``, ``spread``, or '' where it has none and ties are not known."""
+    stems = [split_name(name)[0] for name in objectives]
+    return [next((kind for kind in ("sd", "spread") if f"{stem}_{kind}" in dataset), "") for stem in stems]
+
+
 def significant(
-    dataset: xr.Dataset, objectives: Sequence[str], among: np.ndarray | None = None
+    dataset: xr.Dataset, objectives: Sequence[str], among: np.ndarray | None = None, z: float = Z
 ) -> np.ndarray:
     """(n_front,) bool: False for a point tied with a better one.
 
-    Two points of the front are tied when in every objective they differ by no more than the sum of their
-    spreads. Of tied points the one nearest to the ideal stands for the others.
+    Two points of the front are tied when in every objective they differ by no more than ``z`` standard deviations of
+    their difference, z sqrt(sd_a^2 + sd_b^2); where results hold no ``_sd`` but a ``_spread``, by the sum of their
+    spreads. A point whose error bar was asked for and is not known is tied with every other in that objective; an
+    objective without error bars ties no points. Of tied points the one nearest to the ideal stands for the others.
     """
     chosen = front(dataset, objectives) if among is None else np.asarray(among)
     if not chosen.size:
         return np.zeros(0, dtype=bool)
     values, widths = costs(dataset, objectives)[chosen], spreads(dataset, objectives)[chosen]
+    normal = np.array([kind == "sd" for kind in barred(dataset, objectives)])
+    sds = np.nan_to_num(deviations(dataset, objectives)[chosen], nan=np.inf)
     span = np.ptp(values, axis=0)
     scaled = (values - values.min(axis=0)) / np.where(span > 0, span, 1.0)
     order = np.argsort(np.linalg.norm(scaled, axis=1), kind="stable")
     kept: list[int] = []
     for i in order:
         gaps = np.abs(values[kept] - values[i])
-        if not np.any(np.all(gaps <= widths[kept] + widths[i], axis=1)):
+        bars = np.where(normal, z * np.hypot(sds[kept], sds[i]), widths[kept] + widths[i])
+        if not np.any(np.all(gaps <= bars, axis=1)):
             kept.append(int(i))
     found = np.zeros(len(chosen), dtype=bool)
     found[kept] = True

@@ -24,6 +24,9 @@ from matplotlib.lines import Line2D
 from matplotlib.ticker import LogLocator, MaxNLocator
 
 from . import pareto
+from .across import across
+from .across_plot import plot_histories, plot_spectra
+from .flows import flow_of, modal_of
 from .histories import (
     plot_energy,
     plot_envelope,
@@ -39,7 +42,29 @@ from .histories import (
     plot_wavelet,
 )
 from .labels import BEST, DESIGN, MAP, STYLE, UP, WORDS, draw_in, draw_on, metric_label, variable_label
-from .series import chosen_key, force_laws, loop_of, profile_of, responses, series_of, spectrum_or_orders, wavelet
+from .sensitivity import sensitivity_of
+from .series import (
+    chosen_key,
+    compared,
+    force_laws,
+    loop_of,
+    power,
+    profile_of,
+    responses,
+    series_of,
+    spectrum_or_orders,
+    stroke_wavelets,
+    wavelet,
+)
+from .signal_plots import (
+    plot_compared,
+    plot_flow,
+    plot_modes,
+    plot_phase,
+    plot_power,
+    plot_sensitivity,
+    plot_stroke_wavelet,
+)
 from .store import open_study, outcome, write_whole
 
 # --------------------------------------------------------------------------- the points of a study
@@ -50,7 +75,7 @@ class Points(NamedTuple):
 
     kinds: np.ndarray  # trusted, untrusted, failed, missing
     values: dict[str, np.ndarray]  # objectives
-    spreads: dict[str, np.ndarray]  # of the objectives over perturbed runs; 0 where there are none
+    spreads: dict[str, np.ndarray]  # error bars of the objectives; 0, inf or NaN where there are none
     variables: dict[str, xr.DataArray]
     front: np.ndarray  # indices
     best: int | None
@@ -76,9 +101,9 @@ def points_of(dataset: xr.Dataset, objectives: Sequence[str] | None = None) -> P
     found = Points(
         kinds,
         {name: pareto.column(dataset, name).values.astype(float) for name in names},
-        dict(zip(names, pareto.spreads(dataset, names).T, strict=True)),
+        dict(zip(names, _bars(dataset, names).T, strict=True)),
         {
-            str(name): coord
+            str(name): _numbered(coord)
             for name, coord in dataset.coords.items()
             if coord.dims == (index,) and name not in ("design", index)
         },
@@ -91,6 +116,19 @@ def points_of(dataset: xr.Dataset, objectives: Sequence[str] | None = None) -> P
         )
         raise ValueError(f"no point has finite {', '.join(names)} ({count})")
     return found
+
+
+def _numbered(variable: xr.DataArray) -> xr.DataArray:
+    """A design variable as it is drawn: words by number, with what they mean in its name."""
+    if variable.dtype.kind in "fiu":
+        return variable
+    words, codes = np.unique(variable.values.astype(str), return_inverse=True)
+    meaning = ", ".join(f"{i} {word}" for i, word in enumerate(words))
+    return xr.DataArray(codes.astype(float), dims=variable.dims, name=f"{variable.name}: {meaning}")
+def _bars(dataset: xr.Dataset, names: Sequence[str]) -> np.ndarray:
+    """(n, n_objective) error bars: standard uncertainties, or else half ranges over repeats; 0 or inf without one."""
+    kinds = np.array(pareto.barred(dataset, names)) == "sd"
+    return np.where(kinds, pareto.deviations(dataset, names), pareto.spreads(dataset, names))
 
 
 def _is_log(values: np.ndarray) -> bool:
@@ -141,9 +179,10 @@ def _scatter(ax: Any, points: Points, columns: list[np.ndarray], colour: np.ndar
 
 
 def _error_bars(ax: Axes, points: Points, a: str, b: str) -> None:
-    """Spreads over perturbed runs of the front's points, where the study has them."""
+    """Standard uncertainties, or spreads over perturbed runs, of the front's points, where the study has them."""
     for i in points.front:
-        x, y, dx, dy = points.values[a][i], points.values[b][i], points.spreads[a][i], points.spreads[b][i]
+        x, y = points.values[a][i], points.values[b][i]
+        dx, dy = (bar if math.isfinite(bar) else 0.0 for bar in (points.spreads[a][i], points.spreads[b][i]))
         if dx > 0 or dy > 0:
             ax.errorbar(x, y, xerr=dx, yerr=dy, color="0.4", linewidth=0.9, capsize=2.5, zorder=1.5)
 
@@ -368,10 +407,11 @@ class Kind(NamedTuple):
     """A kind of figure: how it is drawn, from what, how large a single panel is, and what it shows."""
 
     draw: Callable[[xr.Dataset, Figure], Any]
-    data: Callable[..., xr.Dataset]  # of a folder; where `single`, of a point's key too; `profile`, of others over it
+    data: Callable[..., xr.Dataset]  # of a folder; where `single`, of a key too; where `over`, of other keys
     meaning: str
     dear: bool = False  # runs a study of its own, and so is not among `all`
     single: bool = False  # shows one point
+    over: bool = False  # may show others over it
 
 
 def _single(function: Callable[..., Axes], size: tuple[float, float]) -> Callable[[xr.Dataset, Figure], Axes]:
@@ -414,11 +454,34 @@ PLOTS: dict[str, Kind] = {
         "spectrum of the probe's displacement; of a periodic response the harmonics, those of the end tension too",
         single=True,
     ),
+    "power": Kind(
+        _single(plot_power, (7.2, 4.4)),
+        lambda d, key: power(_series(d, key)),
+        "power spectral density of the probe's displacement after the pulse (Welch)",
+        single=True,
+    ),
+    "stroke-wavelet": Kind(
+        plot_stroke_wavelet,
+        lambda d, key: stroke_wavelets(_series(d, key)),
+        "Morlet transform of each device's offset",
+        single=True,
+    ),
+    "phase": Kind(plot_phase, _series, "speed of each device's mass against its offset", single=True),
+    "compare": Kind(
+        _single(plot_compared, (8.0, 5.0)),
+        compared,
+        "the probe's displacement, with the baseline's and those of other points",
+        single=True,
+        over=True,
+    ),
+    "flow": Kind(plot_flow, flow_of, "energy of cable and devices, and what passes between them", single=True),
+    "modes": Kind(plot_modes, modal_of, "energy of the cable's modes, and its share at high frequencies", single=True),
     "profile": Kind(
         plot_profile,
         profile_of,
         "shape, tension, shear and bending moment along the line at its last time, over its baseline",
         single=True,
+        over=True,
     ),
     "loop": Kind(
         _single(plot_loop, (6.6, 6.2)),
@@ -428,6 +491,20 @@ PLOTS: dict[str, Kind] = {
     ),
     "response": Kind(
         plot_response, responses, "periodic response along the first variable, stability and folds (slow)", dear=True
+    ),
+    "histories": Kind(
+        plot_histories,
+        across,
+        "displacement at the probe in every environment, with and without devices: figure 14 (slow)",
+        dear=True,
+        single=True,
+    ),
+    "spectra": Kind(
+        plot_spectra, across, "its spectra in every environment: figure 13 (slow)", dear=True, single=True
+    ),
+    "sensitivity": Kind(
+        plot_sensitivity, sensitivity_of, "sensitivity of the objectives to each variable (see `sweep sensitivity`)",
+        dear=True,
     ),
     "force-law": Kind(plot_force_law, lambda d: force_laws(), "force of a sink: springs against cords"),
     "force-angle": Kind(
@@ -444,7 +521,7 @@ def save_plot(directory: str | Path, kind: str, key: str | None = None, over: Se
     Parameters
     ----------
     key : the point to show, by default the best; for figures of one point
-    over : keys of points to lay over it; for `profile`
+    over : keys of points to lay over it, for the kinds that can
 
     Raises
     ------
@@ -456,8 +533,9 @@ def save_plot(directory: str | Path, kind: str, key: str | None = None, over: Se
     entry, directory = PLOTS[kind], Path(directory)
     if key and not entry.single:
         raise ValueError("this figure shows the whole study, not one point")
-    if over and kind != "profile":
-        raise ValueError("only `profile` lays points over one another")
+    if over and not entry.over:
+        able = " and ".join(f"`{name}`" for name, other in PLOTS.items() if other.over)
+        raise ValueError(f"only {able} lay points over one another")
     more: list[Any] = [key or chosen_key(open_study(directory))] if entry.single else []
     data = entry.data(directory, *more, *([over] if over else []))
     with matplotlib.rc_context(STYLE):

@@ -40,7 +40,10 @@ def start(ranks: int, *words: object) -> subprocess.Popen[str]:
     )
 
 
-def run(ranks: int, *words: object, timeout: float = 200) -> subprocess.CompletedProcess[str]:
+HANGS = 600  # a test fails where something takes longer; nothing does on a machine that is merely busy [s]
+
+
+def run(ranks: int, *words: object, timeout: float = HANGS) -> subprocess.CompletedProcess[str]:
     return subprocess.run(command(ranks, *words), capture_output=True, text=True, timeout=timeout, cwd=ROOT)
 
 
@@ -50,7 +53,7 @@ def _works() -> str:
         return "there is no mpirun"
     code = "from mpi4py.MPI import COMM_WORLD as all; all.rank or print(all.size)"
     try:
-        ended = run(2, "-c", code, timeout=60)
+        ended = run(2, "-c", code, timeout=120)
     except subprocess.TimeoutExpired:
         return "mpirun hangs here"
     return "" if ended.stdout.strip() == "2" else f"mpirun -n 2 does not work here: {ended.stderr[-300:]}"
@@ -106,7 +109,7 @@ def test_bad_points_are_the_same_rows_on_ranks_as_in_serial(tmp_path):
 
 
 def _wait_for(folder: Path, count: int) -> None:
-    deadline = time.monotonic() + 60
+    deadline = time.monotonic() + HANGS
     while len(read_records(folder)) < count:
         assert time.monotonic() < deadline
         time.sleep(0.05)
@@ -141,19 +144,19 @@ def test_a_signal_to_mpirun_ends_the_run_in_good_order(tmp_path, number):
     started = start(2, UNIT / "fakes.py", tmp_path, 60, 0.1)
     _wait_for(tmp_path, 4)
     started.send_signal(number)
-    _, errors = started.communicate(timeout=30)
+    _, errors = started.communicate(timeout=HANGS)
     assert started.returncode == 3, errors
     assert 4 <= len(rows(tmp_path)) < 60
 
 
 def test_a_full_disk_on_one_rank_ends_the_run(tmp_path):
-    ended = run(2, UNIT / "fakes.py", tmp_path, 100, 0.05, "full-1", timeout=60)
+    ended = run(2, UNIT / "fakes.py", tmp_path, 100, 0.05, "full-1")
     assert ended.returncode == 3
     assert "rank 1: cannot write" in ended.stderr
 
 
 def test_full_disks_on_two_of_three_ranks_end_the_run(tmp_path):
     """Rank 0 and rank 1 can write no more while rank 2 has a point in flight: the end must reach it all the same."""
-    ended = run(3, UNIT / "fakes.py", tmp_path, 60, 0.6, "full-0", "full-1", timeout=90)
+    ended = run(3, UNIT / "fakes.py", tmp_path, 60, 0.6, "full-0", "full-1")
     assert ended.returncode in (2, 3)
     assert "cannot write" in ended.stderr

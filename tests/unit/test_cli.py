@@ -12,9 +12,10 @@ import numpy as np
 import pytest
 import xarray as xr
 
-from sweep import open_study
+from sweep import evaluate, load_study, open_study
 from sweep.cli import main
 from sweep.report import one_point
+from sweep.space import points
 
 HERE = Path(__file__).parent
 TINY = HERE / "tiny.yaml"
@@ -200,3 +201,16 @@ def test_tables(here, command):
     ended = here(command)
     assert ended.returncode == 0
     assert len(ended.stdout.splitlines()) > 3
+
+
+def test_init_writes_a_study_that_checks_and_runs(here, tmp_path):
+    place = tmp_path / "new" / "study"
+    ended = here("init", place)
+    assert ended.returncode == 0, ended.stderr
+    assert sorted(path.name for path in place.iterdir()) == ["cable.yaml", "study.yaml"]
+    study = load_study(place / "study.yaml")
+    assert evaluate(next(points(study))).trusted
+    again = here("init", place)
+    assert (again.returncode, "cable.yaml and study.yaml already" in again.stderr) == (2, True)
+    (tmp_path / "file").touch()
+    assert here("init", tmp_path / "file").returncode == 2

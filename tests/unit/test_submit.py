@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import signal
 import subprocess
 import sys
 import time
@@ -13,12 +14,14 @@ import fakes
 import numpy as np
 import pytest
 import yaml
+from typer.testing import CliRunner
 
-from sweep import run, submit
+from sweep import locks, run, submit
+from sweep.cli import app
 from sweep.config import parse_study
 from sweep.mistakes import ConfigError
 from sweep.plan import read_plan
-from sweep.store import DiskStore, Replay, StoreError
+from sweep.store import DiskStore, Replay, StoreError, prepare
 from sweep.submit import Request, Site, load_site, plan_costs, render, scripts
 from sweep.supervise import CannotRun
 
@@ -75,7 +78,7 @@ def test_every_mistake_of_a_site_is_said_at_once(tmp_path):
     path.write_text("lunch: srun\n")
     with pytest.raises(ConfigError, match="launch"):
         load_site(path)
-    assert load_site(ROOT / "slurm/site.yaml").launch.startswith("srun --mpi=pmi2 --kill-on-bad-exit=1")
+    assert load_site(ROOT / "slurm/site.yaml").launch == Site().launch == "mpirun"
 
 
 def test_files_are_counted_by_tasks(tmp_path, monkeypatch):
@@ -131,6 +134,103 @@ def test_a_job_that_makes_no_progress_is_not_requeued_for_ever(tmp_path, monkeyp
     assert run.run(study, settings).exit_code == 0
     monkeypatch.setenv("SLURM_RESTART_COUNT", "3")
     assert run.run(study, replace(settings, part=(1, 2))).results is not None  # the last slice makes the file
+
+
+def test_a_requeued_job_retries_nothing_that_it_has_done(tmp_path, monkeypatch):
+    """Else a point that fails each time would be run in every turn, and the study might never end."""
+    study = parse_study(STUDY)
+    monkeypatch.setenv("FAKE_MODES", "raise,good")
+    settings = run.Settings(directory=tmp_path, evaluator=f"{fakes.HERE}:planned", warm_ups=())
+    assert run.run(study, settings).exit_code == 1
+    retry = replace(settings, retry=frozenset({"failed"}))
+    monkeypatch.setenv("SLURM_JOB_ID", "17")
+    assert run.run(study, retry).before == 6  # the job's first turn runs the failed ones again
+    monkeypatch.setenv("SLURM_RESTART_COUNT", "1")
+    assert run.run(study, retry).before == 12
+    monkeypatch.setenv("SLURM_JOB_ID", "18")
+    monkeypatch.setenv("SLURM_RESTART_COUNT", "0")
+    assert run.run(study, retry).before == 6  # submitted again, by the user's will
+
+
+def test_a_job_that_never_begins_is_not_requeued_for_ever(tmp_path, monkeypatch):
+    """A launcher that fails leaves no trace but the count of restarts; `status --missing` is what the script asks."""
+    study = parse_study(STUDY)
+    settings = run.Settings(directory=tmp_path, evaluator=f"{fakes.HERE}:planned", warm_ups=(), limit=3)
+    assert run.run(study, settings).exit_code == 0
+    words = ["status", str(tmp_path), "--missing"]
+    assert CliRunner().invoke(app, words).exit_code == 0
+    assert run.run(study, replace(settings, limit=None, part=(0, 2))).exit_code == 0
+    assert CliRunner().invoke(app, words).exit_code == 3
+    monkeypatch.setenv("SLURM_JOB_ID", "17")
+    monkeypatch.setenv("SLURM_RESTART_COUNT", "3")
+    with pytest.raises(CannotRun, match="job 17 was started 4 times and never began to write"):
+        CliRunner().invoke(app, words, catch_exceptions=False)
+    with pytest.raises(CannotRun, match="never began to write"):
+        run.run(study, settings)
+
+
+def test_slices_with_and_without_a_limit_do_not_work_side_by_side(tmp_path):
+    """They would cut the study differently, and run points twice."""
+    study = parse_study(STUDY)
+    settings = run.Settings(directory=tmp_path, evaluator=f"{fakes.HERE}:planned", warm_ups=(), part=(0, 2))
+    limited = locks.acquire(tmp_path, "part1of2", run.lock_digest(run.provenance(study), replace(settings, limit=3)))
+    with pytest.raises(locks.Busy, match="--limit"):
+        run.run(study, settings)
+    limited.release()
+    assert run.run(study, settings).planned == 6
+
+
+def test_a_signal_before_the_first_point_ends_a_run_in_good_order(tmp_path, monkeypatch):
+    """While journals are read, say: the next turn begins as if nothing had been."""
+    study = parse_study(STUDY)
+    settings = run.Settings(directory=tmp_path, evaluator=f"{fakes.HERE}:planned", warm_ups=())
+    prepare = run.prepare
+
+    def told(*words):
+        os.kill(os.getpid(), signal.SIGUSR1)
+        return prepare(*words)
+
+    monkeypatch.setattr(run, "prepare", told)
+    ended = run.run(study, settings)
+    assert (ended.exit_code, ended.interrupted, ended.results) == (3, "SIGUSR1", None)
+    assert list((tmp_path / "locks").iterdir()) == []
+    monkeypatch.setattr(run, "prepare", prepare)
+    merge = run.merge
+
+    def told_late(*words):
+        os.kill(os.getpid(), signal.SIGTERM)
+        return merge(*words)
+
+    monkeypatch.setattr(run, "merge", told_late)
+    ended = run.run(study, settings)
+    assert (ended.exit_code, ended.results) == (0, tmp_path / "results.nc")  # the file is made all the same
+
+
+def test_a_million_failures_with_numbers_of_their_own_are_one_line(tmp_path):
+    study = parse_study(STUDY)
+    plan = prepare(study, tmp_path)
+    part = DiskStore(tmp_path, "0", {"solver": "a"})
+    for i in range(len(plan)):
+        row = fakes.evaluate(fakes.make(i))
+        part.append(replace(row, key=plan.keys[i], status="DIVERGED", message=f"diverged at t = 0.{i + 1}"))
+    part.close()
+    assert run.tally(Replay(tmp_path, plan.keys), plan.slice(0, 1)) == {("DIVERGED", "diverged at t = 0.1"): 12}
+
+
+def test_a_log_on_a_full_disk_does_not_change_the_exit_code():
+    with open("/dev/full", "w") as full:
+        ended = subprocess.run([sys.executable, "-m", "sweep", "metrics"], stdout=full, cwd=ROOT, check=False)
+    assert ended.returncode == 0
+
+
+def test_torn_lines_of_the_list_of_jobs_are_passed_over(tmp_path, monkeypatch):
+    (tmp_path / "jobs").mkdir()
+    (tmp_path / "jobs" / "submitted.jsonl").write_text('{"job": "17", "kind": "array"}\n{"job": "1')
+    (tmp_path / "squeue").write_text("#!/bin/sh\necho 17\n")
+    (tmp_path / "squeue").chmod(0o755)
+    monkeypatch.setenv("PATH", f"{tmp_path}:{os.environ['PATH']}")
+    with pytest.raises(locks.Busy, match="jobs 17 of"):
+        submit._not_queued(tmp_path)
 
 
 # ------------------------------------------------------------------------------------------ compiled kernels
