@@ -494,7 +494,7 @@ def settling() -> Values:
 @group()
 def morlet_transform() -> Values:
     """A chirp's transform by FFT beside direct quadrature of the corrected (3.6)."""
-    from sweep.series import CENTRE, morlet
+    from sweep.signals import CENTRE, morlet
 
     dt = 1e-3
     t = np.arange(0, 4, dt)
