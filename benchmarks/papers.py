@@ -274,15 +274,6 @@ def devices_lumped() -> Values:
 
 
 @group(dear=True)
-def devices_fine() -> Values:
-    """The ones that decide, on 160 lumped segments."""
-    scenes = sinks() | dampers()
-    names = ("uniform", "plain", "locked", "rod_locked", "bnes_rods", "bnes_points", "cubic_rods", "cubic_points",
-             "tmd", "tmd_calm")  # fmt: skip
-    return compared("lumped", 160, names, scenes, 4)
-
-
-@group(dear=True)
 def devices_transverse() -> Values:
     """The same on 80 spans of the small-motion line, another discretisation."""
     scenes = sinks() | dampers()
