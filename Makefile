@@ -48,7 +48,7 @@ $(VENV)/dev-installed: $(VENV)/launcher
 define run
 @if [ "$$(cat $(VENV)/launcher)" = mpi ]; then start="mpirun -n $(CORES) python -m mpi4py"; \
 else start=python; echo "MPI cannot be had here (see $(VENV)/install.log): running on one core"; fi; \
-set -x; $$start -m sweep run $(STUDY) --out $(OUT) $(1) || [ $$? -eq 1 ]
+export OMP_NUM_THREADS=1; set -x; $$start -m sweep run $(STUDY) --out $(OUT) $(1) || [ $$? -eq 1 ]
 @python -m sweep pareto $(OUT)
 @python -m sweep plot $(OUT) all
 @python -m sweep status $(OUT)

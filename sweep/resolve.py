@@ -66,7 +66,6 @@ def resolve(study: Study, directory: str | Path | None = None) -> tuple[Study, d
     if known.get("study") != token:
         known = {"study": token, "ask": found_by_pilots(study)}
         if path is not None:
-            path.parent.mkdir(parents=True, exist_ok=True)
             text = json.dumps(known, indent=1)
             write_whole(path, lambda place: place.write_text(text, encoding="utf-8"))
     ask = dict(known["ask"])

@@ -213,7 +213,9 @@ def lock_digest(header: Mapping[str, Any], settings: Settings) -> str:
 def fruitful(replay: Replay, part: str) -> None:
     """Refuse to requeue for ever a job whose turns end before any of its points does, or before it begins."""
     mine = [journal for journal in replay.journals if journal.writer.rpartition("-")[0] == part]
-    if restarts() and mine and min(journal.starts for journal in mine) >= FRUITLESS:
+    since = max((journal.fruitful for journal in mine), default=0)  # journals of ranks there were once stand still
+    since = max(since, replay.began.get(job_name(), 1) - 1)
+    if restarts() and len({turn for journal in mine for turn in journal.idle if turn > since}) >= FRUITLESS:
         raise CannotRun(
             f"job {job_name()}: {FRUITLESS} turns in a row ended before any point did. Points take longer than the "
             "job's time limit: raise --time, or set a `time_limit` in the study, and submit again."

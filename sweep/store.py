@@ -65,6 +65,14 @@ class CannotWrite(StoreError):
         )
 
 
+class CannotRead(StoreError):
+    """A file cannot be read; ``resumable`` where that may pass."""
+
+    def __init__(self, path: Path, error: OSError) -> None:
+        self.resumable = error.errno in (errno.ESTALE, errno.EIO)
+        super().__init__(f"cannot read {path}: {error.strerror or error}")
+
+
 class OtherVersion(StoreError):
     """The folder holds rows of another solver version."""
 
@@ -427,7 +435,8 @@ class Journal:
     host: str = ""
     job: str = ""
     turn: int = 0
-    starts: int = 0  # since the last row
+    fruitful: int = 0  # turn of the last row
+    idle: list[int] = field(default_factory=list)  # turns begun since
     rows: int = 0
     failed: int = 0
     recent: deque[float] = field(default_factory=lambda: deque(maxlen=256))  # when the last rows were written
@@ -462,7 +471,10 @@ class Replay:
         self.turns = np.zeros(n, dtype=np.uint32)  # of the rows; a week of requeued arrays has many
         self._at = np.zeros(n)
         for number, path in enumerate(self.paths):
-            self._read(number, path, headers)
+            try:
+                self._read(number, path, headers)
+            except OSError as error:
+                raise CannotRead(path, error) from error
         self.headers = list(headers.values())
 
     def _read(self, number: int, path: Path, headers: dict[str, dict[str, Any]]) -> None:
@@ -473,14 +485,15 @@ class Replay:
             if "start" in row:
                 start = row["start"]
                 journal.host, journal.job, journal.turn = start["host"], start["job"], start["turn"]
-                journal.starts += 1
+                journal.idle.append(journal.turn)
                 self.began[journal.job] = min(journal.turn, self.began.get(journal.job, journal.turn))
             if "header" in row:
                 headers.setdefault(json.dumps(row["header"]), row["header"])
             if "key" not in row:
                 continue
             status, at = row["status"], row.get("at", 0.0)
-            journal.rows, journal.starts = journal.rows + 1, 0
+            journal.rows += 1
+            journal.fruitful, journal.idle = journal.turn, []
             journal.failed += outcome(status) == "failed"
             journal.recent.append(at)
             place = self.place(row["key"])

@@ -12,6 +12,7 @@ import subprocess
 import sys
 import time
 import traceback
+from contextlib import suppress
 from multiprocessing import Pipe
 from multiprocessing.connection import Connection
 from pathlib import Path
@@ -110,8 +111,10 @@ def _leave_home(socket: int) -> None:
     os.environ.update(environment)
     os.dup2(os.open(os.devnull, os.O_RDONLY), 0)
     os.dup2(2, 1)
-    os.closerange(3, socket)
-    os.closerange(socket + 1, os.sysconf("SC_OPEN_MAX"))
+    for handle in map(int, os.listdir("/proc/self/fd")):
+        if handle > 2 and handle != socket:
+            with suppress(OSError):  # that of the listing itself
+                os.close(handle)
 
 
 def _ending(code: int) -> str:

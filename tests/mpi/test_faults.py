@@ -111,7 +111,7 @@ def gone(out: Path) -> None:
 def test_bad_points_cost_their_row_and_no_more(tmp_path):
     """Segfault, endless loop, memory eater, NaN, exception, SIGKILL of the child: rows with reasons, as in serial."""
     limits = tmp_path / "limits.yaml"
-    limits.write_text(TEXT.replace("time_limit: 600", "time_limit: 4\nmemory_limit: 700"))
+    limits.write_text(TEXT.replace("time_limit: 600", "time_limit: 8\nmemory_limit: 700"))
     bad = ["good", "segfault", "good", "good", "eat", "nan", "raise", "good", "kill", "good", "loop"]
     modes = {"FAKE_MODES": ",".join(bad + ["good"] * (COUNT - len(bad)))}
     found = {}
@@ -125,7 +125,7 @@ def test_bad_points_cost_their_row_and_no_more(tmp_path):
     assert ended[4] == ("MEMORY", "passed the memory limit of 700 MB")
     assert ended[5] == ("ERROR", "no number came out: delta, gamma are NaN")
     assert ended[8] == ("CRASHED", "the worker process was killed by signal 9 (SIGKILL)")
-    assert ended[10] == ("TIMEOUT", "passed the time limit of 4 s")
+    assert ended[10] == ("TIMEOUT", "passed the time limit of 8 s")
     assert ended[6][0] == "ERROR"
     assert sum(status == "OK" for status, _ in ended.values()) == COUNT - 6
 

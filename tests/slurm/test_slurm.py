@@ -19,6 +19,7 @@ import yaml
 from sweep import open_study
 from sweep.plan import read_plan
 from sweep.store import Replay, journals, read_records
+from sweep.submit import _max_array
 
 HERE = Path(__file__).resolve().parent
 ROOT = HERE.parents[1]
@@ -140,7 +141,7 @@ def test_an_array_of_four_makes_the_serial_file(slurm, serial, folder):
     plan = read_plan(folder / "plan.json")
     assert sorted(plan.costs)[:2] == [0, 0]  # the pilots were done before
     assert len(journals(folder)) == 5, logs(folder)
-    assert (folder / "results.nc").is_file(), logs(folder)
+    assert f"{folder}/results.nc\ntrusted" in (folder / f"logs/tiny-{jobs[1]}.log").read_text(), logs(folder)
     xr.testing.assert_identical(open_study(folder).drop_vars(COST), serial)
 
 
@@ -154,6 +155,11 @@ def test_ranks_make_the_serial_file(slurm, serial, tmp_path, launch, nodes):
     assert "6 points, 6 to do, on 3 ranks" in said
     assert f"NumNodes={nodes}" in call("scontrol", "-o", "show", "job", jobs[0], **slurm).stdout
     xr.testing.assert_identical(open_study(tmp_path / "out").drop_vars(COST), serial)
+
+
+def test_the_largest_array_is_asked_of_slurm(slurm, monkeypatch):
+    monkeypatch.setenv("SLURM_CONF", slurm["SLURM_CONF"])
+    assert _max_array() == 10001
 
 
 # ------------------------------------------------------------------------------------------ what goes wrong

@@ -175,6 +175,12 @@ def test_turns_order_duplicates_where_clocks_differ(tmp_path, monkeypatch):
     assert next(Replay(tmp_path, Keys.of(["00"])).records([0])).metrics["a"] == 2.0
 
 
+def test_a_journal_that_cannot_be_read_is_said(tmp_path):
+    (tmp_path / "parts" / "journal-0.jsonl").mkdir(parents=True)
+    with pytest.raises(StoreError, match=r"cannot read .*journal-0\.jsonl"):
+        Replay(tmp_path, Keys.of(["00"]))
+
+
 def test_a_week_of_requeued_arrays_has_many_turns(tmp_path):
     for turn, value in ((70_000, 1.0), (70_001, 2.0)):
         part = DiskStore(tmp_path, "0", turn=turn)
@@ -271,13 +277,13 @@ def copy(folder, tmp_path):
 
 
 def _rows_while_it_is_made(monkeypatch, do) -> None:
-    """Let something happen once, after a merge has read the journals and before its file is there."""
+    """Let something happen once, after a merge has read the journals and before it writes."""
     stream, left = store._stream, [do]
 
     def slow(*words):
-        stream(*words)
         if left:
             left.pop()()
+        stream(*words)
 
     monkeypatch.setattr(store, "_stream", slow)
 

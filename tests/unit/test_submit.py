@@ -38,7 +38,7 @@ def headers(text: str) -> dict[str, str]:
 @pytest.mark.parametrize("name", ["array", "mpi", "merge"])
 def test_scripts_are_good_bash_and_carry_the_sites_options(tmp_path, name):
     options = {"partition": "long", "time": "12:00:00", "exclusive": True, "mem-per-cpu": None}
-    site = Site(options=options, setup=("module load x",))
+    site = Site(options=options, setup=("module load x",), node_cache=True, launch="srun --mpi=pmix")
     text = render(name, site, site.options)
     found = headers(text)
     assert found["partition"] == "long"
@@ -46,6 +46,8 @@ def test_scripts_are_good_bash_and_carry_the_sites_options(tmp_path, name):
     assert found["exclusive"] == ""
     assert "mem-per-cpu" not in found
     assert "module load x" in text.splitlines()
+    assert 'export CABLE_SWEEP_CACHE="${TMPDIR:-/tmp}/cable-sweep-$(id -un)"' in text.splitlines()
+    assert "LAUNCH='srun --mpi=pmix'" in text.splitlines()
     assert ".venv" not in text
     for script in (text, (ROOT / f"slurm/{name}.sbatch").read_text()):
         assert subprocess.run(["bash", "-n"], input=script, text=True, check=False).returncode == 0
@@ -123,6 +125,9 @@ def test_costs_come_from_rows_and_done_points_cost_nothing(tmp_path):
 def test_a_job_that_makes_no_progress_is_not_requeued_for_ever(tmp_path, monkeypatch):
     study = parse_study(STUDY)
     settings = run.Settings(directory=tmp_path, evaluator=f"{fakes.HERE}:planned", warm_ups=(), part=(0, 2))
+    once = DiskStore(tmp_path, "part0of2-9", run.provenance(study))  # of a rank that there was in an earlier run
+    once.append(replace(fakes.evaluate(fakes.make(0)), key="0" * 16))
+    once.close()
     for _ in range(run.FRUITLESS):
         part = DiskStore(tmp_path, "part0of2-0", run.provenance(study))
         part.open()
