@@ -14,6 +14,7 @@
 from study import folder, show
 
 from sweep import open_study
+from sweep.flows import flow_of, modal_of
 from sweep.histories import (
     plot_energy,
     plot_envelope,
@@ -24,6 +25,7 @@ from sweep.histories import (
     plot_wavelet,
 )
 from sweep.series import chosen_key, series_of, spectrum, wavelet
+from sweep.signal_plots import plot_flow, plot_modes
 
 directory = folder()
 data = open_study(directory)
@@ -59,6 +61,16 @@ show(plot_stroke(series))
 show(plot_energy(series))
 lost = {name: float(series[name][-1]) for name in ("lost_water", "lost_cable", "lost_device")}
 print({name: f"{value / sum(lost.values()):.1%}" for name, value in lost.items()})
+
+# %% [markdown]
+# What passes to and fro between cable and devices, and in which of the cable's modes the energy is: the share above the highest
+# frequency of the motion rises where a device scatters energy upwards.
+
+# %%
+show(plot_flow(flow_of(directory, key)))
+
+# %%
+show(plot_modes(modal_of(directory, key)))
 
 # %% [markdown]
 # ## Settling

@@ -9,7 +9,7 @@
 # # 4. Robustness
 #
 # Does a design keep working when growth changes the cable? The study needs `environments`; objectives may be aggregates over them,
-# `gamma_mean` or `gamma_worst`.
+# `gamma_mean`, `gamma_worst`, or the quantile of the bad tail, `gamma_q10`.
 
 # %%
 import json
@@ -19,10 +19,14 @@ import numpy as np
 from study import folder, show
 
 from sweep import open_study, pareto
+from sweep.across import across
+from sweep.across_plot import plot_histories, plot_spectra
+from sweep.series import chosen_key
 
 directory = folder()
 data = open_study(directory)
-if "environment" not in data.dims:
+several = "environment" in data.dims
+if not several:
     data = data.rename(point="design").expand_dims("environment", axis=1).assign_coords(environment=["as it is"])
 objectives = [name.removesuffix("_mean").removesuffix("_worst") for name in json.loads(data.attrs["objectives"])]
 names = [str(name) for name in data["environment"].values]
@@ -79,3 +83,17 @@ first = data.isel(environment=[0])
 nominal = set(pareto.front(first, [f"{name}_mean" for name in objectives]).tolist())
 robust = set(pareto.front(data, [f"{name}_worst" for name in objectives]).tolist())
 print(f"front in {names[0]}: {sorted(nominal)}\nfront of the worst case: {sorted(robust)}\non both: {sorted(nominal & robust)}")
+
+# %% [markdown]
+# ## The best design, environment by environment
+#
+# Displacement at the probe with and without devices, and its spectra: the paper's figures 14 and 13.
+
+# %%
+if several:
+    found = across(directory, chosen_key(open_study(directory)))
+    show(plot_histories(found))
+
+# %%
+if several:
+    show(plot_spectra(found))

@@ -754,7 +754,7 @@ def march(
         common["reason"] = f"{common['reason']}; {run.share:.0%} rod on average, {run.changes} changes of domains"
         zero = _static_energy(model, static)
     else:
-        code, out, s, seconds = marched(model, ask, name, limits, q, v, pieces, grid)
+        code, out, s, seconds, _ = marched(model, ask, name, limits, q, v, pieces, grid)
         cost, done, ledger = _cost(out.counts, seconds), int(out.at[0]), out.ledger
         steps = cost.steps
         residual = float(s.peak[2]) / max(float(s.peak[0]), float(s.peak[1]), limits.floor)
