@@ -27,7 +27,7 @@ from . import config, distribute, locks, pareto, report, store
 from . import plan as planning
 from . import run as running
 from . import submit as submitting
-from .resolve import resolve
+from .resolve import about_mesh, resolve
 from .space import extremes
 from .supervise import fork_spare
 
@@ -114,7 +114,10 @@ def check(
         plan = planning.make_plan(loaded, limit)
     for label, why in because.items():
         say(f"mesh         {label}: {why}")
-    say(report.describe(loaded, plan, planning.pilot(loaded)))
+    pilots = planning.pilot(loaded)
+    if note := about_mesh(loaded, pilots[0].response):
+        say(f"mesh         {note}")
+    say(report.describe(loaded, plan, pilots))
 
 
 @app.command()

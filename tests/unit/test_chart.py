@@ -14,7 +14,7 @@ import xarray as xr
 import yaml
 from rich.console import Console
 
-from solvers import Ask, End, Harmonic, Motion, Scene, Section, Window
+from solvers import Ask, End, Harmonic, Motion, Scene, Section, Window, solve
 from sweep import chart, peers, report, resolve
 from sweep.chart_plot import save_chart
 from sweep.config import ConfigError, MetricSettings, parse_study
@@ -27,6 +27,7 @@ STRING = Scene(
         harmonics=(Harmonic(amplitude=(0, 0, 0.01), frequency=1.0),), window=Window(ramp_up=1.0, shape="smooth"))),
     g=0.0,
 )  # fmt: skip
+GIVEN = {10: 0.0595, 80: 9.2e-4}  # errors of meshes of the string, against 80 Hermite elements at a tolerance of 1e-6
 CASE = chart.Case(
     name="string", scene=STRING, ask=Ask(duration=2.0, interval=0.02), settings=MetricSettings(baseline="plain")
 )
@@ -163,3 +164,19 @@ def test_the_mesh_of_a_study_is_settled_once(tmp_path: Path, monkeypatch: pytest
     assert json.loads((tmp_path / resolve.FILE).read_text())["ask"]["segments"] == 33
     assert parse_study(yaml.safe_load(settled.text)).ask == settled.ask
     assert resolve.resolve(settled, tmp_path) == (settled, {})
+
+
+@pytest.mark.parametrize(("segments", "said"), [(10, True), (80, False)])
+def test_check_says_where_a_given_mesh_is_too_coarse(segments: int, said: bool) -> None:
+    """A string of ten segments has ten nodes in its shortest wave and is 5.6 % off: no guard sees that."""
+    raw = {
+        "name": "given", "scene": dump(STRING), "metrics": {"baseline": "plain"}, "objectives": ["rms"],
+        "ask": {"duration": 2.0, "segments": segments, "interval": 0.02},
+    }  # fmt: skip
+    study = parse_study(raw)
+    run = solve(study.scene, study.ask)
+    error = resolve.mesh_error(study, run)
+    assert error is not None
+    assert error == pytest.approx(GIVEN[segments], rel=0.1)  # order 2 to a few percent: 0.0589 and 9.2e-4
+    assert bool(resolve.about_mesh(study, run)) == said
+    assert resolve.mesh_error(parse_study(raw | {"ask": {"duration": 2.0}}), run) is None
