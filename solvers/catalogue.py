@@ -491,7 +491,7 @@ def leaving(model: Any, static: np.ndarray) -> str:
     """In words, that a static state is unstable; empty where it is not."""
     fastest, n = model.fastest(static), max(model.segments, 1)
     lowest = max(fastest["tension"] * math.pi / (2 * n), fastest["bending"] * (math.pi / (2 * n)) ** 2)
-    rate = statics.growth(model.static_pack, static, max(lowest, 1e-3 * fastest["axial"] * math.pi / (2 * n)))
+    rate = statics.growth(model.static_pack, static, lowest or 1e-3 * fastest["axial"] * math.pi / (2 * n))
     return f"unstable equilibrium: a small disturbance grows e-fold in {1 / rate:.3g} s" if rate > 0 else ""
 
 
@@ -754,7 +754,7 @@ def march(
         common["reason"] = f"{common['reason']}; {run.share:.0%} rod on average, {run.changes} changes of domains"
         zero = _static_energy(model, static)
     else:
-        code, out, s, seconds = marched(model, ask, name, limits, q, v, pieces, grid)
+        code, out, s, seconds, _ = marched(model, ask, name, limits, q, v, pieces, grid)
         cost, done, ledger = _cost(out.counts, seconds), int(out.at[0]), out.ledger
         steps = cost.steps
         residual = float(s.peak[2]) / max(float(s.peak[0]), float(s.peak[1]), limits.floor)
