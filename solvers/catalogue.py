@@ -464,7 +464,9 @@ def run(scene: sc.Scene, ask: Ask, choice: Choice, check: bool = True) -> Respon
     if status != Status.OK:
         return Response(status=status, message=f"{note}; {REMEDY[status]}", **common)
     _in_range(choice.model, model.drift_error(static), "the drift in the current", ask)
-    falls = "" if periodic or ask.perturbation > 0 or scene.start.kind == "given" else leaving(model, static)
+    # small-motion lines swing about a state that they take as it is
+    asked = F.LARGE_MOTION in line.features and scene.start.kind != "given" and not periodic and not ask.perturbation
+    falls = leaving(model, static) if asked else ""
     joints = adaptive.NOTHING_LEFT_OUT
     if line.constrained and scene.start.kind != "given":
         joints = adaptive.joint_error(model, static, np.zeros(model.ndof), np.zeros(model.ndof), held=True)
@@ -490,11 +492,9 @@ def run(scene: sc.Scene, ask: Ask, choice: Choice, check: bool = True) -> Respon
 
 def leaving(model: Any, static: np.ndarray) -> str:
     """In words, that a static state is unstable; empty where it is not."""
-    if not has(type(model.pack), "tangent"):
-        return ""
     fastest, n = model.fastest(static), max(model.segments, 1)
     lowest = max(fastest["tension"] * math.pi / (2 * n), fastest["bending"] * (math.pi / (2 * n)) ** 2)
-    rate = statics.growth(model.static_pack, static, max(lowest, 1e-3 * fastest["axial"] * math.pi / (2 * n)))
+    rate = statics.growth(model.static_pack, static, lowest or 1e-3 * fastest["axial"] * math.pi / (2 * n))
     return f"unstable equilibrium: a small disturbance grows e-fold in {1 / rate:.3g} s" if rate > 0 else ""
 
 

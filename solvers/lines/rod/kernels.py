@@ -24,6 +24,8 @@ from __future__ import annotations
 
 import math
 
+import numpy as np
+
 from ...algebra import add_diagonal, add_to, axpy, dot, load, row, scale, unit
 from ...banded import factor_pivoting, substitute_pivoting
 from ...compile import inlined, kernel
@@ -747,6 +749,22 @@ def invert(J, bw, k, j, G, e):
 
 
 @kernel
+def clear(A, i, start, stop):
+    """A[i, start:stop] = 0, with unsigned numbers, which numba does not look for negative ones among."""
+    row = np.uint64(i)
+    for m in range(np.uint64(start), np.uint64(max(start, stop))):
+        A[row, m] = 0.0
+
+
+@kernel
+def copy_row(A, i, start, J, k, first, count):
+    """A[i, start : start + count] = J[k, first : first + count]."""
+    row, other, into, of = np.uint64(i), np.uint64(k), np.uint64(start), np.uint64(first)
+    for m in range(np.uint64(0), np.uint64(count)):
+        A[row, into + m] = J[other, of + m]
+
+
+@kernel
 def condense(rod, head, row, r, N, bw, first, high, s, J):
     """The small system of a tangent. With x_j, x_k of the nodes of a catenary element, its rows read
 
@@ -756,15 +774,20 @@ def condense(rod, head, row, r, N, bw, first, high, s, J):
     two catenary elements meet, N_k of the one is N_j of the other: three equations in the positions of three nodes.
     """
     A, cw, slot = s.J, s.bw, s.slot
-    for i in range(len(A)):
-        for m in range(cw + s.clear[i, 0] - i, cw + s.clear[i, 1] - i + 1):
-            A[i, m] = 0.0
     for k in range(len(s.plain)):
         i = s.plain[k]
         c = slot[i]
-        into, of = cw + slot[first[i]] - c, bw + first[i] - i
-        for m in range(high[i] - first[i] + 1):
-            A[c, into + m] = J[i, of + m]
+        start, into, of = cw + s.clear[c, 0] - c, cw + slot[first[i]] - c, bw + first[i] - i
+        width = high[i] - first[i] + 1
+        clear(A, c, start, into)
+        copy_row(A, c, into, J, i, of, width)
+        clear(A, c, into + width, cw + s.clear[c, 1] - c + 1)
+    for e in range(len(row)):
+        if rod[e]:
+            continue
+        for m in range(0 if head[e] else 3, 6):
+            c = slot[row[e] + m]
+            clear(A, c, cw + s.clear[c, 0] - c, cw + s.clear[c, 1] - c + 1)
     for e in range(len(row)):
         if rod[e]:
             continue
@@ -779,16 +802,22 @@ def condense(rod, head, row, r, N, bw, first, high, s, J):
         rj, rk = slot[r[e]], slot[r[e + 1]]
         half = 0.5 / b
         for m in range(3):
-            u = symmetric_times(G, e, (1.0 if m == 0 else 0.0, 1.0 if m == 1 else 0.0, 1.0 if m == 2 else 0.0))
+            if m == 0:
+                u = G[e, 0], G[e, 3], G[e, 4]
+            elif m == 1:
+                u = G[e, 3], G[e, 1], G[e, 5]
+            else:
+                u = G[e, 4], G[e, 5], G[e, 2]
             i, j = near + m, far + m
             o, p, q = k + 3 + m, bw + r[e] - k - 3 - m, bw + r[e + 1] - k - 3 - m
+            near_j, near_k, far_j, far_k = cw + rj - i, cw + rk - i, cw + rj - j, cw + rk - j
             for n in range(3):
                 x0, x1 = 0.5 * a0 * u[n], 0.5 * a1 * u[n]
                 y0, y1 = half * J[o, p + n], half * J[o, q + n]
-                A[i, cw + rj + n - i] += x0 + y0
-                A[i, cw + rk + n - i] += y1 - x1
-                A[j, cw + rj + n - j] += y0 - x0
-                A[j, cw + rk + n - j] += x1 + y1
+                A[i, near_j + n] += x0 + y0
+                A[i, near_k + n] += y1 - x1
+                A[j, far_j + n] += y0 - x0
+                A[j, far_k + n] += x1 + y1
             if head[e]:
                 A[i, cw + slot[N[e]] + m - i] = 1.0
             if e + 1 == len(row) or rod[e + 1]:
