@@ -10,13 +10,14 @@ LIMIT  ?= 64
 export PATH := $(abspath $(VENV))/bin:$(PATH)
 SHELL := /bin/bash
 
-.PHONY: study study-full test lint clean help
+.PHONY: study study-full test lint docs papers clean help
 .DEFAULT_GOAL := help
 
 help:
 	@echo "make study       the study's first $(LIMIT) designs over all cores: front, figures, trust ($(OUT))"
 	@echo "make study-full  all designs of the study; resumes what is there"
 	@echo "make test        the tests      make lint   ruff and mypy      make clean   removes what make made"
+	@echo "make docs        the documentation site (docs/_build/html)      make papers   docs/papers.md, the claims report"
 
 # ------------------------------------------------------------------------------------------ installing
 
@@ -47,7 +48,7 @@ $(VENV)/dev-installed: $(VENV)/launcher
 define run
 @if [ "$$(cat $(VENV)/launcher)" = mpi ]; then start="mpirun -n $(CORES) python -m mpi4py"; \
 else start=python; echo "MPI cannot be had here (see $(VENV)/install.log): running on one core"; fi; \
-set -x; $$start -m sweep run $(STUDY) --out $(OUT) $(1) || [ $$? -eq 1 ]
+export OMP_NUM_THREADS=1; set -x; $$start -m sweep run $(STUDY) --out $(OUT) $(1) || [ $$? -eq 1 ]
 @python -m sweep pareto $(OUT)
 @python -m sweep plot $(OUT) all
 @python -m sweep status $(OUT)
@@ -59,6 +60,15 @@ study: $(VENV)/launcher
 study-full: $(VENV)/launcher
 	$(call run,)
 
+# ------------------------------------------------------------------------------------------ documents
+
+docs: $(VENV)/dev-installed
+	python -m sphinx -W --keep-going -q -b html docs docs/_build/html
+	@echo "docs/_build/html/index.html"
+
+papers: $(VENV)/dev-installed
+	python docs/papers.py
+
 # ------------------------------------------------------------------------------------------ checks
 
 test: $(VENV)/dev-installed
@@ -69,5 +79,5 @@ lint: $(VENV)/dev-installed
 	mypy
 
 clean:
-	rm -rf $(VENV) results build dist *.egg-info .pytest_cache .ruff_cache .mypy_cache
+	rm -rf $(VENV) results build dist docs/_build docs/cli.md *.egg-info .pytest_cache .ruff_cache .mypy_cache
 	find . -name __pycache__ -type d -prune -exec rm -rf {} +

@@ -11,6 +11,7 @@ from __future__ import annotations
 import argparse
 import heapq
 import json
+import os
 import pickle
 import resource
 import statistics
@@ -25,7 +26,7 @@ from typing import Any
 
 import numpy as np
 
-from sweep import distribute, store
+from sweep import distribute, store, supervise
 from sweep.config import parse_study, parse_yaml
 from sweep.distribute import Done, Interrupt, Job
 from sweep.plan import Designs, Keys, Orders, Plan, make_plan, read_plan, write_plan
@@ -48,7 +49,9 @@ def overhead(points: int, seconds: float, ranks: int, repeats: int) -> None:
         with tempfile.TemporaryDirectory() as folder:
             command = [sys.executable, "-m", "mpi4py", __file__, "rank", folder, str(points), str(seconds)]
             began = time.perf_counter()
-            ended = subprocess.run(["mpirun", "-n", str(ranks), *command], capture_output=True, text=True, check=True)
+            one = os.environ | {"OMP_NUM_THREADS": "1"}  # as the job scripts have it
+            command = ["mpirun", "-n", str(ranks), *command]
+            ended = subprocess.run(command, capture_output=True, text=True, check=True, env=one)
             wholes.append((time.perf_counter() - began) / ideal)
             found = json.loads(ended.stdout)
             maps.append(found["wall"] / ideal)
@@ -59,6 +62,7 @@ def overhead(points: int, seconds: float, ranks: int, repeats: int) -> None:
 
 def rank(folder: str, points: int, seconds: float) -> int:
     """One rank of the benchmark; rank 0 prints what it measured."""
+    supervise.fork_spare()
     ranks = distribute.world()
     if ranks.rank > 0:
         return distribute.serve(ranks)
@@ -89,7 +93,7 @@ class Simulated:
     Messages are pickled and unpickled as MPI would; ``spent`` is the time that the leader was given work.
     """
 
-    rank, local = 0, 0
+    rank, local, here, hung = 0, 0, 0, False
 
     def __init__(self, workers: int, seconds: float) -> None:
         self.size = workers + 1

@@ -47,7 +47,6 @@ import numpy as np
 import scipy
 from scipy.linalg import lu_factor, lu_solve
 from scipy.optimize import root
-from speed_moordyn import quiet
 
 from solvers import Ask, Scene, Status, catalogue, settled, solve
 from solvers.dispatch import call_accelerate, call_drive
@@ -55,6 +54,7 @@ from solvers.methods import floquet, harmonic
 from solvers.methods.harmonic import Balance, Orbit, from_rest, periodic, reach_of, sample_tangent, series
 from solvers.motion import motion_pack
 from sweep.config import load_scene
+from sweep.peers import quiet
 
 CONFIG = Path(__file__).parents[1] / "configs" / "oc3_hung.yaml"
 RIGHT, MISPRINTED = 3.84243e8, 3.84243e7  # EA [N]

@@ -16,13 +16,11 @@ Free ones run at a tenth of the usual tolerance, without which their energy bala
 from __future__ import annotations
 
 import argparse
-import contextlib
 import math
-import os
 import sys
 import tempfile
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -31,6 +29,7 @@ import numpy as np
 
 from solvers import Ask, Response, Scene, solve
 from sweep.config import load_scene
+from sweep.peers import quiet
 from sweep.space import baseline_scene
 
 try:
@@ -171,24 +170,6 @@ def moordyn_deck(scene: Scene, parts: list[Stretch], BA: float, step: float) -> 
         text += [f"---------------------- {name} ----------------------", "names", "units", *rows] if rows else []
     text += ["---------------------- OPTIONS ----------------------", *options, "------- need this line -------"]
     return "\n".join(text) + "\n", z
-
-
-@contextlib.contextmanager
-def quiet() -> Iterator[None]:
-    """MoorDyn talks while it reads a deck and when it fails: silence both streams, below Python."""
-    sys.stdout.flush()
-    sys.stderr.flush()
-    kept = os.dup(1), os.dup(2)
-    nowhere = os.open(os.devnull, os.O_WRONLY)
-    os.dup2(nowhere, 1)
-    os.dup2(nowhere, 2)
-    try:
-        yield
-    finally:
-        for stream, old in zip((1, 2), kept, strict=True):
-            os.dup2(old, stream)
-            os.close(old)
-        os.close(nowhere)
 
 
 def moordyn_run(

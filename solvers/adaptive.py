@@ -236,9 +236,10 @@ def edges(ask: Ask, omega: float, breaks: tuple[float, ...]) -> np.ndarray:
 
 def follow(
     model: RodModel, ask: Ask, q: np.ndarray, v: np.ndarray, static: np.ndarray, grid: np.ndarray,
-    advance: Callable[[RodModel, int, np.ndarray, np.ndarray, np.ndarray, np.ndarray], Any], floor: float,
+    advance: Callable[[RodModel, int, np.ndarray, np.ndarray, np.ndarray, np.ndarray, Any, float], Any], floor: float,
 ) -> Followed:  # fmt: skip
-    """March in windows; `advance(model, max_steps, q, v, pieces, grid)` marches one: (code, out, ends, seconds)."""
+    """March in windows; `advance(model, max_steps, q, v, pieces, grid, before, first)` marches one: (code, out, ends,
+    seconds, work), from (q, v) with the step `first` (0: as it thinks best), or on from the march `before` it."""
     begun, compiling = time.perf_counter(), 0.0
     cut = edges(ask, model.omega, model.breaks)
     ends_at = np.searchsorted(grid, cut[1:] * (1 - 1e-12), side="left")
@@ -250,12 +251,13 @@ def follow(
     carried, peak, done, booked = np.zeros(len(LEDGER)), floor, 0, 0.0
     zero = held = _energy(model, q, v)  # at the start, and at the present window's
     status, before, a = Status.OK, 0, np.zeros(model.ndof)
+    last, first = None, 0.0  # the march to go on from, where nothing has changed; the step that it would take
     for k in range(len(cut) - 1):
         here, after = slice(before, int(ends_at[k])), int(ends_at[k])
         for attempt in range(ATTEMPTS + 1):
             since = time.perf_counter()
             left = max(0, ask.max_steps - int(counts[C_STEPS]))
-            code, out, s, spent = advance(model, left, q, v, cut[k : k + 2], grid[here])
+            code, out, s, spent, work = last = advance(model, left, q, v, cut[k : k + 2], grid[here], last, first)
             counts += out.counts
             compiling += time.perf_counter() - since - spent
             outside = code != 0 or domains.outside(model, s.q[0], SHARE * ask.accuracy)
@@ -265,7 +267,7 @@ def follow(
             rod = domains.tidy(wish | model.rod, np.diff(model.s), domains.share_of_bending(model, q)[1])
             if np.array_equal(rod, model.rod):
                 break
-            larger = _model(model.scene, model.asked, ask, rod)
+            larger, last = _model(model.scene, model.asked, ask, rod), None
             q, v, a = *changed(model, larger, float(cut[k]), q, v, a), _accelerations(model, larger, a)
             model, changes = larger, changes + 1
             now = _energy(model, q, v)
@@ -292,6 +294,9 @@ def follow(
             status = Status(code) if code else (valid[0] if valid[0] != Status.OK else Status.DIVERGED)
             break
         q, v, a = s.q[0].copy(), s.v[0].copy(), s.a[0].copy()
+        first = float(work.go[0])
+        if cut[k + 1] in model.breaks:
+            last, first = None, 0.0
         if k % max(1, len(cut) // 8) == 0 or k + 2 == len(cut) or attempt == ATTEMPTS:
             error = worse(error, joint_error(model, q, v, s.a[0]))
         rod = domains.wanted(model, q, SHARE * ask.accuracy)
@@ -299,7 +304,7 @@ def follow(
         if grows:
             rod = domains.tidy(rod | model.rod, np.diff(model.s), domains.share_of_bending(model, q)[1])
         if (grows or rod.sum() < WORTH * model.rod.sum()) and k + 2 < len(cut):
-            other = _model(model.scene, model.asked, ask, rod)
+            other, last = _model(model.scene, model.asked, ask, rod), None
             q, v, a = *changed(model, other, float(cut[k + 1]), q, v, a), _accelerations(model, other, a)
             model, changes = other, changes + 1
             booked += abs(_energy(model, q, v) - energy)

@@ -15,7 +15,8 @@ from .dispatch import call_gaps, call_tangent, has
 from .methods import esdirk, explicit
 
 TABLES: dict[str, Any] = {
-    "rk2": explicit.RK2, "rk4": explicit.RK4, "dopri5": explicit.DOPRI5, "esdirk4": esdirk.TABLE,
+    "rk2": explicit.RK2, "rk4": explicit.RK4, "dopri5": explicit.DOPRI5, "tsit5": explicit.TSIT5,
+    "esdirk4": esdirk.TABLE,
 }  # fmt: skip
 UNDAMPED = 1e-8  # of the largest eigenvalue: real parts below come from rounding
 RAY = np.geomspace(1e-4, 12.0, 2401)  # |h lambda| at which a stability function is looked at
@@ -26,7 +27,7 @@ def amplification(method: str, z: np.ndarray, rho: float = 0.8) -> np.ndarray:
 
     Parameters
     ----------
-    method : 'rk2', 'rk4', 'dopri5', 'trbdf2', 'esdirk4', or 'genalpha' with spectral radius `rho` at infinity
+    method : 'rk2', 'rk4', 'dopri5', 'tsit5', 'trbdf2', 'esdirk4', or 'genalpha' with spectral radius `rho` at infinity
     z : (...,) complex
     """
     z = np.asarray(z, dtype=complex)

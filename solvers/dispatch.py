@@ -40,6 +40,10 @@ def energies(t, q, v, a, pack, e):
     """Energies and powers, indices below: e[KINETIC], e[STRAIN], e[GRAVITY] [J], e[WATER:] lost powers [W]."""
 
 
+def losses(t, q, v, a, pack, e):
+    """The lost powers e[WATER:] of ``energies`` alone; the other entries mean nothing. Default: ``energies``."""
+
+
 def gaps(t, q, v, pack, g):
     """Functions that change sign at a kink (cord taut, contact, slack); steps may land on their zeros."""
 
@@ -60,7 +64,7 @@ def constrained(pack):
     """Whether the line has constraints, so that its acceleration alone cannot be solved for. Default: no."""
 
 
-_ALL = (drive, residual, tangent, accelerate, energies, gaps, factorise, backsolve, heft, constrained)
+_ALL = (drive, residual, tangent, accelerate, energies, losses, gaps, factorise, backsolve, heft, constrained)
 VERBS: dict[str, Callable[..., Any]] = {f.__name__: f for f in _ALL}
 
 KINETIC, STRAIN, GRAVITY, WATER, CABLE, DEVICE, SEABED, ROTATION, N_ENERGIES = range(9)
@@ -117,6 +121,11 @@ def _accelerate(t, q, v, a, pack, r):
 @overload(energies, jit_options=NO_COUNTING)
 def _energies(t, q, v, a, pack, e):
     return _body("energies", pack)
+
+
+@overload(losses, jit_options=NO_COUNTING)
+def _losses(t, q, v, a, pack, e):
+    return _body("losses", pack) or _body("energies", pack)
 
 
 @overload(gaps, jit_options=NO_COUNTING)
@@ -187,6 +196,11 @@ def call_accelerate(t, q, v, a, pack, r):
 @njit(cache=True)
 def call_energies(t, q, v, a, pack, e):
     energies(t, q, v, a, pack, e)
+
+
+@njit(cache=True)
+def call_losses(t, q, v, a, pack, e):
+    losses(t, q, v, a, pack, e)
 
 
 @njit(cache=True)

@@ -36,7 +36,7 @@ REMEDY = {
     Status.NO_STATIC: "no static start was found: check weight, length and ends, or give the start's shape",
     Status.CANNOT_REPRESENT: "choose a model that can represent the scene (`sweep models`)",
     Status.FEW_HARMONICS: "the series is too short: raise `tolerance` or `harmonics`, or run the time domain",
-    Status.UNSTABLE: "the periodic response exists but is unstable: run the time domain (`method: explicit`)",
+    Status.UNSTABLE: "such a state would not last: disturb it in the time domain (`perturbation`), or ask for another",
     Status.ZERO_TENSION: "a catenary has no direction without tension: `rod` or `hybrid` have, or `lumped` for EI = 0",
     Status.ROD_NEEDED: "bending matters outside the rods: let `rods` adapt or widen them, `model: rod`, or accept less",
 }

@@ -2,8 +2,11 @@
 
 All runs are measured against one reference, which a coarser mesh, a looser tolerance and another method check. The
 meshes at the finest knob show the error in space, the knobs on the finest mesh the error in time, and the lower
-envelope of the trusted runs what is worth its seconds. Where waveforms do not converge (chaos), metrics are means over
-perturbed runs, and errors in them are beside their standard errors.
+envelope of the trusted runs what is worth its seconds. Other programs that are installed run beside ours.
+
+Where the reference does not converge (chaos), no waveform is compared: each row is an ensemble of runs whose starts
+differ by some 1e-9 m/s, its error the largest relative difference of the objectives' means from those of the
+reference's ensemble, and `standard_error` what the sizes of both ensembles leave open of it.
 """
 
 from __future__ import annotations
@@ -19,9 +22,10 @@ import numpy as np
 import pandas as pd
 import xarray as xr
 
-from solvers import METHODS, MODELS, Ask, CannotRepresent, Feature, Response, Scene, pilot, solve
+from solvers import METHODS, MODELS, Ask, CannotRepresent, Feature, Response, Scene, Status, impacts, pilot, solve
 from solvers.catalogue import can_march, can_settle, needs
 
+from . import peers
 from .config import METRICS, ConfigError, MetricSettings, load_scene, load_study, read_yaml
 from .metrics import Summary, compute, summarise
 from .mistakes import ABSENT, Mistake
@@ -37,6 +41,9 @@ COARSEST = 10  # segments
 AGAIN = 0.5  # shorter runs are timed twice more, and the fastest one counts [s]
 LONGEST = 20.0  # a run may take, by the last mesh's or knob's seconds [s]
 ENSEMBLE = 8  # perturbed runs where waveforms do not converge
+CHAOTIC_MESH = 0.01  # where devices strike no pilots run: what the reference's mesh leaves of the shortest wave's phase
+OURS, UNCHECKED = "cable-sweep", "UNCHECKED"  # a program; the status of others, which keep no ledger
+USUAL = ("rms", "peak_tension_top")  # objectives of a scene without a study
 Say = Callable[[str], object]
 
 
@@ -48,6 +55,7 @@ class Case:
     scene: Scene
     ask: Ask  # model, method, mesh and knobs are free
     settings: MetricSettings
+    objectives: tuple[str, ...] = USUAL  # what is compared where the response is chaotic
 
 
 def load_case(path: str | Path, duration: float | None = None) -> Case:
@@ -63,7 +71,10 @@ def load_case(path: str | Path, duration: float | None = None) -> Case:
         ask = replace(
             point.ask, segments=None, model="auto", method="auto", step=None, tolerance=None, duration=length
         )
-        return Case(name=study.name or path.stem, scene=point.scene, settings=point.settings, ask=ask)
+        stems = dict.fromkeys(name.removesuffix("_mean").removesuffix("_worst") for name in study.objectives)
+        return Case(
+            name=study.name or path.stem, scene=point.scene, settings=point.settings, ask=ask, objectives=tuple(stems)
+        )
     scene = load_scene(path)
     if duration is None:
         problem = "a scene alone does not say for how long it is to run"
@@ -100,6 +111,21 @@ class Reference(NamedTuple):
     spreads: dict[str, float]  # relative differences of the metrics between the reference and its checks
     how: str
     chaotic: bool
+    errors: dict[str, float]  # standard errors of the metrics, means of an ensemble where chaotic; else 0
+
+
+class Ensemble(NamedTuple):
+    """Metrics of runs whose starts differ slightly."""
+
+    means: dict[str, float]
+    errors: dict[str, float]  # standard errors of the means
+    responses: list[Response]
+    seconds: float  # of one run
+
+    @property
+    def status(self) -> str:
+        """OK where every run is, else that of the first that is not."""
+        return next((run.status.name for run in self.responses if not run.trusted), Status.OK.name)
 
 
 def timed(scene: Scene, ask: Ask) -> tuple[Response, float]:
@@ -107,6 +133,16 @@ def timed(scene: Scene, ask: Ask) -> tuple[Response, float]:
     begun = time.process_time()
     response = solve(scene, ask)
     return response, time.process_time() - begun
+
+
+def ensemble(case: Case, ask: Ask, base: Summary | None) -> Ensemble:
+    """Runs with random initial velocities of the case's `perturbation`, and the means of their metrics."""
+    size = ENSEMBLE
+    runs = [timed(case.scene, replace(ask, perturbation=case.settings.perturbation, seed=k + 1)) for k in range(size)]
+    rows = pd.DataFrame([metrics_of(case, run, base) for run, _ in runs])
+    means = {str(name): float(x) for name, x in rows.mean(skipna=False).items()}
+    errors = {str(name): float(x) for name, x in (rows.std(ddof=1) / math.sqrt(size)).items()}
+    return Ensemble(means, errors, [run for run, _ in runs], sum(seconds for _, seconds in runs) / size)
 
 
 def metrics_of(case: Case, response: Response, base: Summary | None) -> dict[str, float]:
@@ -132,7 +168,9 @@ def reference(case: Case, models: Sequence[str], wanted: float, say: Say = lambd
     """
     large = [name for name in models if Feature.LARGE_MOTION in MODELS[name].features] or list(models)
     model = max(large, key=lambda name: (MODELS[name].order, not MODELS[name].constrained))
-    first = solve(case.scene, replace(case.ask, model=model, accuracy=wanted))
+    strikes = impacts(case.scene)
+    asked = max(wanted, CHAOTIC_MESH) if strikes else wanted
+    first = solve(case.scene, replace(case.ask, model=model, accuracy=asked))
     if first.status not in pilot.ENDED:
         problem = f"{model} ended {first.status.name}: {first.message}"
         raise ConfigError([Mistake("scene", ABSENT, problem, "mend the scene or shorten the run")], case.name)
@@ -160,9 +198,15 @@ def reference(case: Case, models: Sequence[str], wanted: float, say: Say = lambd
         f"{what} {found:.1e}" for (what, _), found in zip(runs, gaps, strict=True)
     )
     uncertainty = max(gaps, default=NAN)
-    chaotic = first.chaotic or not uncertainty < pilot.CHAOTIC
     say(f"reference: {how}")
-    return Reference(best, truth, base, uncertainty, spreads, how, chaotic)
+    if not (first.chaotic or not uncertainty < pilot.CHAOTIC):
+        return Reference(best, truth, base, uncertainty, spreads, how, False, dict.fromkeys(truth, 0.0))
+    say(f"waveforms do not converge: means of {ENSEMBLE} runs are compared")
+    many = ensemble(case, replace(fine, tolerance=tolerance), base)
+    other = ensemble(case, checks[0][1], base)
+    spreads = apart(other.means, many.means)
+    how = f"chaotic: {ENSEMBLE} runs by {model}, {best.method}, {best.segments} segments, checked by {checks[0][0]}"
+    return Reference(best, many.means, base, uncertainty, spreads, how, True, many.errors)
 
 
 # --------------------------------------------------------------------------- the runs
@@ -191,16 +235,18 @@ def scan(
     meshes = [round(COARSEST * math.sqrt(2) ** k) for k in range(MESHES)]
     for model in models:
         for method in methods_of(case, model):
+            if truth.chaotic and not METHODS.get(method, METHODS["rk4"]).adaptive:
+                continue  # their steps do not land on impacts; nothing but the mean of many would tell
             spent: dict[float, float] = {}  # seconds on the last mesh, by knob
             for segments in meshes:
                 slowest = 0.0
-                for knob in knobs_of(case, method):
+                for knob in knobs_of(case, method)[: 3 if truth.chaotic else None]:
                     if max(spent.get(knob, 0.0), slowest) > longest / 3:
                         continue
                     row = one(case, truth, model, method, segments, knob)
                     if row is None:
                         break
-                    spent[knob] = slowest = row["seconds"]
+                    spent[knob] = slowest = row["seconds"] * (ENSEMBLE if truth.chaotic else 1)
                     yield row
             say(f"{model}, {method}: done")
 
@@ -213,13 +259,35 @@ def one(
     if math.isfinite(knob):
         ask = replace(ask, tolerance=knob) if METHODS[method].adaptive else replace(ask, step=knob)
     try:
+        if truth.chaotic:
+            return averaged(case, truth, ask, knob)
         response, seconds = timed(case.scene, ask)
     except CannotRepresent:
         return None
     for _ in range(2 if seconds < AGAIN else 0):
         response, again = timed(case.scene, ask)
         seconds = min(seconds, again)
-    return measured(case, truth, "cable-sweep", model, method, segments, knob, response, seconds)
+    return measured(case, truth, OURS, model, method, segments, knob, response, seconds)
+
+
+def averaged(case: Case, truth: Reference, ask: Ask, knob: float) -> dict[str, Any]:
+    """The row of an ensemble: relative differences of means, and the standard errors of those differences."""
+    found = ensemble(case, ask, truth.base)
+    errors = apart(found.means, truth.metrics)
+    sizes = {name: abs(x) or 1.0 for name, x in truth.metrics.items()}
+    widths = {
+        name: math.hypot(found.errors.get(name, NAN), truth.errors[name]) / sizes[name] for name in truth.metrics
+    }
+    first = found.responses[0]
+    known = [name for name in case.objectives if math.isfinite(errors.get(name, NAN))]
+    worst = max(known, key=lambda name: errors[name], default="")
+    return {
+        "program": OURS, "model": ask.model, "method": first.method or ask.method, "segments": ask.segments,
+        "knob": knob, "status": found.status, "seconds": found.seconds, "march_seconds": first.cost.seconds,
+        "error": errors.get(worst, NAN), "standard_error": widths.get(worst, NAN), "worst": worst,
+        "estimated_error": NAN, "energy_residual": max(run.energy_residual for run in found.responses),
+        **{f"error_{name}": x for name, x in errors.items()}, **{f"width_{name}": x for name, x in widths.items()},
+    }  # fmt: skip
 
 
 def measured(
@@ -227,7 +295,7 @@ def measured(
     response: Response, seconds: float,
 ) -> dict[str, Any]:  # fmt: skip
     """A row: what ran, how it ended, its errors and its cost."""
-    errors = apart(metrics_of(case, response, truth.base), truth.metrics)
+    errors = apart(metrics_of(case, response, truth.base) if program == OURS else {}, truth.metrics)
     return {
         "program": program, "model": model, "method": response.method or method, "segments": segments, "knob": knob,
         "status": response.status.name, "seconds": seconds, "march_seconds": response.cost.seconds,
@@ -236,9 +304,48 @@ def measured(
     }  # fmt: skip
 
 
+def scan_peers(case: Case, truth: Reference, longest: float = LONGEST, say: Say = lambda text: None) -> Iterator[Any]:
+    """The rows of other programs, and for each that does not run a sentence why (a string in place of a row)."""
+    if truth.chaotic:
+        yield "other programs: not run: where waveforms do not converge there is nothing of theirs to compare"
+        return
+    ask = case.ask
+    for program in peers.installed():
+        why = peers.unable(case.scene, ask, program)
+        if why:
+            yield f"{program}: not run: {why}"
+            continue
+        for segments in (round(COARSEST * math.sqrt(2) ** k) for k in range(MESHES)):
+            spent = 0.0
+            for step in steps_of(case, program, segments):
+                if spent > longest / 3:
+                    break
+                try:
+                    response, seconds = peers.run(program, case.scene, ask, segments, step)
+                except peers.PeerFailed as error:
+                    say(f"{program}, {segments} segments, step {step:.3g} s: {error}")
+                    continue
+                spent = max(spent, seconds)
+                row = measured(case, truth, program, program, response.method, segments, step, response, seconds)
+                yield row | {"status": UNCHECKED}
+            if spent > longest / 3:
+                break
+        say(f"{program}: done")
+
+
+def steps_of(case: Case, program: str, segments: int) -> list[float]:
+    """Steps of another program, whole in an output interval [s]: MoorDyn's largest stable one and half of it, fixed
+    steps of an implicit one."""
+    interval = case.ask.interval
+    if program == "MoorDyn":
+        longest = peers.step_of(case.scene, segments, interval)
+        return [longest, longest / 2]
+    return list(dict.fromkeys(interval / math.ceil(interval / knob) for knob in knobs_of(case, "genalpha")[:4]))
+
+
 def envelope(table: pd.DataFrame, error: str = "error") -> pd.Series:
     """Which trusted runs no other trusted run of this program beats in both error and seconds."""
-    good = (table["status"] == "OK") & np.isfinite(table[error]) & (table["program"] == "cable-sweep")
+    good = (table["status"] == "OK") & np.isfinite(table[error]) & (table["program"] == OURS)
     chosen = pd.Series(False, index=table.index)
     best = math.inf
     for i in table[good].sort_values(["seconds", error]).index:
@@ -249,7 +356,7 @@ def envelope(table: pd.DataFrame, error: str = "error") -> pd.Series:
 
 def cheapest_for(table: pd.DataFrame, wanted: float) -> pd.Series | None:
     """The cheapest trusted run of this program whose error is at most `wanted`."""
-    good = table[(table["status"] == "OK") & (table["error"] <= wanted) & (table["program"] == "cable-sweep")]
+    good = table[(table["status"] == "OK") & (table["error"] <= wanted) & (table["program"] == OURS)]
     return None if good.empty else good.loc[good["seconds"].idxmin()]
 
 
@@ -272,7 +379,9 @@ def chart(
         problem = f"none of {', '.join(models) or 'the models'} can represent it"
         raise ConfigError([Mistake("scene", ABSENT, problem, "`sweep models` tells what each can")], case.name)
     truth = reference(case, names, uncertainty, say)
-    table = pd.DataFrame(list(scan(case, truth, names, longest, say)))
+    rows = [*scan(case, truth, names, longest, say), *scan_peers(case, truth, longest, say)]
+    notes = [row for row in rows if isinstance(row, str)]
+    table = pd.DataFrame([row for row in rows if not isinstance(row, str)])
     table["envelope"] = envelope(table)
     data = xr.Dataset.from_dataframe(table.rename_axis("run"))
     units = {"seconds": "s", "march_seconds": "s", "knob": "1 or s"}
@@ -280,9 +389,13 @@ def chart(
         data[name].attrs["units"] = units.get(str(name), "1")
     data.attrs = {
         "case": case.name, "reference": truth.how, "uncertainty": truth.uncertainty, "chaotic": int(truth.chaotic),
+        "peers": "; ".join(notes), "objectives": " ".join(case.objectives),
+        "ensemble": ENSEMBLE if truth.chaotic else 1,
     }  # fmt: skip
     for name, value in truth.metrics.items():
         data.attrs[f"reference_{name}"], data.attrs[f"spread_{name}"] = value, truth.spreads[name]
+        if truth.chaotic:
+            data.attrs[f"standard_error_{name}"] = truth.errors[name]
     directory.mkdir(parents=True, exist_ok=True)
     write_whole(directory / "chart.nc", lambda place: data.to_netcdf(place, engine="netcdf4"))
     write_whole(directory / "chart.csv", lambda place: table.to_csv(place, index=False))

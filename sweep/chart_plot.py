@@ -11,6 +11,7 @@ import xarray as xr
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
+from .chart import OURS, UNCHECKED
 from .labels import BASE, BEST, DESIGN, FAIR, PINK, SKY, STYLE, YELLOW
 from .store import write_whole
 
@@ -32,30 +33,45 @@ def draw_chart(data: xr.Dataset, figure: Figure) -> Figure:
     """Three panels: error against seconds, error against segments, error against tolerance or step."""
     table = data.to_dataframe()
     table = table[np.isfinite(table["error"])]
-    looks, uncertainty = _looks(table), float(data.attrs["uncertainty"])
+    looks, chaotic = _looks(table), bool(data.attrs["chaotic"])
+    uncertainty = widest(data) if chaotic else float(data.attrs["uncertainty"])
     cost, space, late = figure.subplots(1, 3, sharey=True)
     for pair, rows in table.groupby(["model", "method"], sort=False):
         look = {"color": looks["color"][pair], "marker": looks["marker"][pair], "ms": 4.5, "ls": "none"}
-        good = rows[rows["status"] == "OK"]
-        bad = rows[rows["status"] != "OK"]
-        cost.plot(good["seconds"], good["error"], label=", ".join(pair), **look)
+        ours = (rows["program"] == OURS).all()
+        good = rows[rows["status"].isin(["OK", UNCHECKED])]
+        bad = rows[~rows["status"].isin(["OK", UNCHECKED])]
+        cost.plot(good["seconds"], good["error"], label=", ".join(pair), **look | ({} if ours else {"ms": 7, "mew": 0}))
         cost.plot(bad["seconds"], bad["error"], **look, mfc="none", alpha=0.45)
+        if chaotic:
+            width = good["standard_error"]
+            cost.errorbar(good["seconds"], good["error"], width, ls="none", color=look["color"], lw=0.8, capsize=2)
         tight = rows.loc[rows.groupby("segments")["knob"].idxmin()] if rows["knob"].notna().any() else rows
         space.plot(tight["segments"], tight["error"], **look | {"ls": "-", "lw": 0.8})
         fine = rows[rows["segments"] == rows["segments"].max()]
         late.plot(fine["knob"], fine["error"], **look | {"ls": "-", "lw": 0.8})
     best = table[table["envelope"].astype(bool)].sort_values("seconds")
     cost.step(best["seconds"], best["error"], where="post", color="k", lw=1.4, zorder=0, label="worth their seconds")
-    slopes(space, table)
+    if not chaotic:
+        slopes(space, table)
     for ax, words in ((cost, "processor time [s]"), (space, "segments [-]"), (late, "tolerance [-] or step [s]")):
         ax.set(xscale="log", yscale="log", xlabel=words)
         ax.axhspan(ax.get_ylim()[0], uncertainty, color="0.9", zorder=-1)
-    cost.set_ylabel("error of the transverse response [-]")
+    what = "objectives' ensemble means, largest" if chaotic else "transverse response"
+    cost.set_ylabel(f"error of the {what} [-]")
     cost.set_title("a  cost (hollow: not trusted)")
     space.set_title("b  in space, at the finest knob")
     late.set_title("c  in time, on the finest mesh")
     figure.legend(*cost.get_legend_handles_labels(), loc="outside lower center", ncols=4)
     return figure
+
+
+def widest(data: xr.Dataset) -> float:
+    """Largest relative standard error of the reference's objectives: what an ensemble of its size can tell."""
+    return max((
+        data.attrs[f"standard_error_{name}"] / (abs(data.attrs[f"reference_{name}"]) or 1.0)
+        for name in data.attrs["objectives"].split() if f"standard_error_{name}" in data.attrs
+    ), default=0.0)  # fmt: skip
 
 
 def slopes(ax: Axes, table: pd.DataFrame) -> None:

@@ -1,8 +1,9 @@
-"""The supervised child: points come in over a socket, records go back. Started by ``distribute`` only.
+"""The supervised child: points come in over a socket, records go back. Started by ``supervise`` only.
 
 A model that segfaults, loops for ever, eats memory or is killed takes this process with it and nothing else. Messages
-are length-prefixed pickles on a socket of their own, so that stray prints cannot corrupt them. The child imports,
-says "imported", waits for "go" (the compiler's cache may still be filled by another rank), warms up, says "ready".
+are length-prefixed pickles on a socket of their own, so that stray prints cannot corrupt them. The child is told its
+functions, imports them, says "imported", waits for "go" (the compiler's cache may still be filled by another rank),
+warms up, says "ready".
 It ends when its parent does: on Linux the kernel kills it, elsewhere it sees the closed socket at its next message.
 """
 
@@ -28,13 +29,16 @@ from .mistakes import ConfigError
 from .point import Order, Point, Record
 from .space import made
 
-PR_SET_PDEATHSIG = 1
+PR_SET_PDEATHSIG, PR_SET_NAME = 1, 15
+MOST_MESSAGE = 500  # characters of a row's message that are kept
 
 
 def die_with_parent(parent: int) -> None:
     """Ask the kernel to kill this process when its parent dies, whatever it is doing then."""
     if sys.platform == "linux":
-        ctypes.CDLL(None, use_errno=True).prctl(PR_SET_PDEATHSIG, int(signal.SIGKILL))
+        kernel = ctypes.CDLL(None, use_errno=True)
+        kernel.prctl(PR_SET_PDEATHSIG, int(signal.SIGKILL))
+        kernel.prctl(PR_SET_NAME, b"sweep.child")  # a fork has its parent's command line
     if os.getppid() != parent:
         os._exit(0)
 
@@ -73,6 +77,13 @@ def memory(pid: int) -> tuple[float, float] | None:
     return (words[1] - words[2]) * page, words[5] * page
 
 
+def brief(message: str) -> str:
+    """A message fit for a row: not an array printed in full, and text that every file can hold."""
+    if len(message) > MOST_MESSAGE:
+        message = f"{message[: MOST_MESSAGE - 30]} ... ({len(message)} characters)"
+    return message.replace("\0", " ").encode("utf-8", "replace").decode()
+
+
 def failed(point: Point | Order, status: str, message: str, seconds: float = 0.0) -> Record:
     """The row of a point that gave no result."""
     return Record(
@@ -81,7 +92,7 @@ def failed(point: Point | Order, status: str, message: str, seconds: float = 0.0
         environment=point.environment,
         values=dict(point.values),
         status=status,
-        message=message,
+        message=brief(message),
         seconds=seconds,
     )
 
@@ -95,8 +106,13 @@ def reason(error: BaseException) -> str:
 
 def guarded(evaluate: Callable[[Point], Record], point: Point) -> Record:
     """Evaluate a point; whatever is raised becomes a row."""
+    if point.problem:
+        return failed(point, "IMPOSSIBLE", point.problem)
     try:
-        return evaluate(point)
+        record = evaluate(point)
+        if isinstance(record, Record) and record.message != (message := brief(record.message)):
+            record = replace(record, message=message)
+        return record
     except MemoryError as error:
         return failed(point, "MEMORY", reason(error))
     except BaseException as error:
@@ -112,12 +128,12 @@ def numbered(record: Record, objectives: Sequence[str]) -> Record:
     return record
 
 
-def main(argv: list[str]) -> int:
-    parent, handle, evaluator, *warm_ups = argv
-    die_with_parent(int(parent))
+def work(parent: int, pipe: Connection) -> int:
+    """Everything a child does, for the process ``parent``; returns its exit code."""
+    die_with_parent(parent)
     faulthandler.enable()
-    pipe = Connection(int(handle))
     try:
+        evaluator, *warm_ups = pipe.recv()
         evaluate = locate(evaluator)
         pipe.send(("imported", ""))
         study, limit = pipe.recv()
@@ -129,6 +145,10 @@ def main(argv: list[str]) -> int:
         pipe.send(("broken", reason(error)))
         return 1
     if limit is not None:
+        if (usage := memory(os.getpid())) is not None and usage[0] > limit:
+            why = f"the memory limit of {limit:g} MB is less than the {usage[0]:.0f} MB that it takes without a point"
+            pipe.send(("broken", why))
+            return 1
         limit_memory(limit)
     pipe.send(("ready", ""))
     while True:
@@ -148,4 +168,4 @@ def main(argv: list[str]) -> int:
 
 
 if __name__ == "__main__":
-    sys.exit(main(sys.argv[1:]))
+    sys.exit(work(int(sys.argv[1]), Connection(int(sys.argv[2]))))

@@ -11,12 +11,14 @@ import logging
 import math
 import os
 import sys
+from collections.abc import Callable
 from enum import StrEnum
+from importlib import resources
 from pathlib import Path
-from typing import Annotated, Any
+from typing import TYPE_CHECKING, Annotated, Any
 
+import numpy as np
 import typer
-import xarray as xr
 from rich.console import Console
 
 from solvers import METHODS, MODELS, CannotRepresent, warm_up
@@ -25,7 +27,12 @@ from . import config, distribute, locks, pareto, report, store
 from . import plan as planning
 from . import run as running
 from . import submit as submitting
-from .resolve import resolve
+from .resolve import about_mesh, resolve
+from .space import extremes
+from .supervise import fork_spare
+
+if TYPE_CHECKING:
+    import xarray as xr
 
 app = typer.Typer(
     add_completion=False,
@@ -51,7 +58,7 @@ class Retry(StrEnum):
 def say(text: object = "", err: bool = False) -> None:
     try:
         typer.echo(str(text), err=err)
-    except BrokenPipeError:  # `sweep show ... | head`: the work goes on, what it says goes nowhere
+    except OSError:  # `sweep show ... | head`, a job's log on a full disk: the work goes on, what it says goes nowhere
         os.dup2(os.open(os.devnull, os.O_WRONLY), (sys.stderr if err else sys.stdout).fileno())
 
 
@@ -73,6 +80,23 @@ def main() -> None:
 
 
 @app.command()
+def init(directory: Annotated[Path, typer.Argument(metavar="DIR", help="folder to be; made if need be")]) -> None:
+    """Write a commented starter study: study.yaml and the scene beside it."""
+    starter = resources.files("sweep") / "starter"
+    files = sorted((entry for entry in starter.iterdir() if entry.name.endswith(".yaml")), key=lambda entry: entry.name)
+    if there := [entry.name for entry in files if (directory / entry.name).exists()]:
+        raise store.StoreError(f"{directory} has {' and '.join(there)} already: name another folder")
+    try:
+        directory.mkdir(parents=True, exist_ok=True)
+        for entry in files:
+            (directory / entry.name).write_text(entry.read_text(encoding="utf-8"), encoding="utf-8")
+    except OSError as error:
+        raise store.StoreError(f"{directory} cannot be written: {error.strerror}") from None
+    say(f"wrote {', '.join(str(directory / entry.name) for entry in files)}")
+    say(f"next: sweep check {directory / 'study.yaml'}; sweep run {directory / 'study.yaml'} --out {directory / 'out'}")
+
+
+@app.command()
 def check(
     study: File,
     limit: Limit = None,
@@ -83,10 +107,17 @@ def check(
     """What would run: points, model and method and why, resolution, cost and disk. Runs a few pilots."""
     warm_up()
     loaded, because = resolve(config.load_study(study, designs))
-    plan = planning.make_plan(loaded, limit)
+    if loaded.sampler is None:  # the designs of a search are not known; its pilots stand for them
+        tried = [list(values.values()) for values in extremes(loaded).values()]
+        plan = planning.plan_of(loaded, np.array(tried)[:limit])
+    else:
+        plan = planning.make_plan(loaded, limit)
     for label, why in because.items():
         say(f"mesh         {label}: {why}")
-    say(report.describe(loaded, plan, planning.pilot(loaded)))
+    pilots = planning.pilot(loaded)
+    if note := about_mesh(loaded, pilots[0].response):
+        say(f"mesh         {note}")
+    say(report.describe(loaded, plan, pilots))
 
 
 @app.command()
@@ -143,12 +174,8 @@ def run(
     ] = None,
 ) -> None:
     """Run what is missing, on this core or, under `mpirun -n P python -m mpi4py -m sweep run`, on P."""
-    ranks = distribute.world()
-    _log(ranks)
-    if ranks.rank > 0:
-        raise typer.Exit(distribute.serve(ranks))
-    code, abort = 2, False
-    try:
+
+    def work(ranks: distribute.World) -> running.Outcome:
         settings = running.Settings(
             directory=out,
             limit=limit,
@@ -156,14 +183,53 @@ def run(
             retry=frozenset(kind.value for kind in retry or ()),
             any_version=force_version,
         )
-        ended = running.run(config.load_study(study, designs), settings, ranks)
+        return running.run(config.load_study(study, designs), settings, ranks)
+
+    _on_ranks(work, lambda ended: report.ending(ended.groups, ended.interrupted, ended.results, out))
+
+
+def _on_ranks(work: Callable[[distribute.World], Any], told: Callable[[Any], str]) -> None:
+    """Do the work on rank 0 while the other ranks serve; say how it ended, and end them all with its exit code."""
+    fork_spare()  # before MPI begins
+    ranks = distribute.world()
+    _log(ranks)
+    if ranks.rank > 0:
+        raise typer.Exit(distribute.serve(ranks))
+    code = 2
+    try:
+        ended = work(ranks)
         code = ended.exit_code
-        say(report.ending(ended.groups, ended.interrupted, ended.results, out))
+        say(told(ended))
     except BAD_INPUT as error:
-        code, abort = complain(error), isinstance(error, distribute.Silent)
+        code = complain(error)
+    except KeyboardInterrupt:
+        code = 3
     finally:
-        distribute.dismiss(ranks, code, abort)
+        distribute.dismiss(ranks, code)
     raise typer.Exit(code)
+
+
+@app.command(name="optimise")
+def optimise_command(
+    study: File,
+    out: Annotated[Path, typer.Option(metavar="DIR", help="results folder; what is done there is not run again")],
+    evaluations: Annotated[
+        int | None, typer.Option(min=1, metavar="N", help="distinct designs to run in all, instead of the study's")
+    ] = None,
+    force_version: Annotated[bool, typer.Option(help="go on with other versions of the solver or of pymoo")] = False,
+) -> None:
+    """Look for the front, on this core or, under `mpirun -n P python -m mpi4py -m sweep optimise`, on P; resumes."""
+    from . import optimise
+
+    settings = running.Settings(directory=out, any_version=force_version)
+
+    def told(ended: running.Outcome) -> str:
+        return (
+            f"{report.ending(ended.groups, ended.interrupted, ended.results, out)}\n"
+            f"search     {optimise.progress_of(out)}\nthen       sweep pareto {out}; sweep plot {out} hypervolume"
+        )
+
+    _on_ranks(lambda ranks: optimise.optimise(config.load_study(study), settings, evaluations, ranks), told)
 
 
 def _log(ranks: distribute.World) -> None:
@@ -191,15 +257,23 @@ def submit(
     pilots: Annotated[int, typer.Option(min=0, metavar="N", help="points to run first, here, to predict costs")] = 8,
     limit: Limit = None,
     retry: Annotated[list[Retry] | None, typer.Option(help="run these again; may be given twice")] = None,
+    search: Annotated[bool, typer.Option("--optimise", help="`sweep optimise` in place of `sweep run`")] = False,
+    evaluations: Annotated[int | None, typer.Option(min=1, metavar="N", help="of --optimise: designs in all")] = None,
     force_version: Annotated[bool, typer.Option(help="add to rows of another solver version")] = False,
     dry_run: Annotated[bool, typer.Option(help="show scripts and commands; run and write nothing")] = False,
 ) -> None:
     """Run what is missing as SLURM jobs, and merge after them."""
     if (array is None) == (ranks is None):
         raise typer.BadParameter("one of --array K and --ranks P is needed", param_hint="--array, --ranks")
+    if search and (array is not None or limit is not None or retry):
+        problem = "designs are asked for generation by generation: use --ranks P, without --limit and --retry"
+        raise typer.BadParameter(problem, param_hint="--optimise")
+    if evaluations is not None and not search:
+        raise typer.BadParameter("belongs to --optimise", param_hint="--evaluations")
     _log(distribute.Alone())
     kinds = [kind.value for kind in retry or ()]
     extra = [f"--limit={limit}"] * (limit is not None) + [f"--retry={kind}" for kind in kinds]
+    extra += [f"--evaluations={evaluations}"] * (evaluations is not None)
     given = {"time": hours, "partition": partition, "account": account}
     settings = running.Settings(directory=out, limit=limit, retry=frozenset(kinds), any_version=force_version)
     request = submitting.Request(
@@ -208,6 +282,7 @@ def submit(
         options={name: value for name, value in given.items() if value},
         pilots=pilots,
         extra=[*extra, *["--force-version"] * force_version],
+        search=search,
     )
     loaded = config.load_study(study)
     for line in submitting.submit(loaded, settings, request, submitting.load_site(site), dry_run):
@@ -235,10 +310,18 @@ def status(
     if replay.journals:
         say(report.writers_table(replay.journals, live, locks.server_clock(directory / "parts"), Console()))
     to_go = groups["MISSING", ""]
+    if store.searched(directory):
+        from . import optimise
+
+        search = optimise.progress_of(directory)
+        say(f"search     {search}")
+        left = 0 if search is None or search.ended else max(search.evaluations - search.done, 1)
+        to_go = left * len(plan.environments)
     parts = {holder.part for holder in live}
     pace = sum(journal.pace for journal in replay.journals if journal.writer.rpartition("-")[0] in parts)
     say(report.outlook(to_go, pace, len(live)))
     if missing and to_go:
+        running.begun(directory)
         raise typer.Exit(3)
 
 
@@ -378,6 +461,53 @@ def pareto_command(
     say(f"\nfront   {path}\nfigure  {_plots().save_plot(directory, 'front')}")
 
 
+@app.command(name="sensitivity")
+def sensitivity_command(
+    directory: Folder,
+    metric: Annotated[
+        list[str] | None, typer.Option(metavar="NAME", help="a metric, by default every objective; may be given again")
+    ] = None,
+) -> None:
+    """Which variables matter: Sobol indices (`sampler: saltelli`), a screening (`morris`), or first-order indices of
+    any random design; a table, DIR/sensitivity.nc, and a figure. Says what failed runs left out."""
+    from .sensitivity import sensitivity_of
+    from .signal_plots import save_sensitivity
+
+    try:
+        found = sensitivity_of(directory, metric or ())
+    except ValueError as error:
+        if isinstance(error, BAD_INPUT):
+            raise
+        raise store.StoreError(f"sensitivity: {error}") from error
+    say(report.sensitivities(found, Console()))
+    path = store.write_whole(directory / "sensitivity.nc", lambda place: found.to_netcdf(place, engine="netcdf4"))
+    say(f"\nindices {path}\nfigure  {save_sensitivity(found, directory / 'figures' / 'sensitivity.png')}")
+
+
+@app.command(name="audit")
+def audit_command(
+    directory: Folder,
+    sample: Annotated[int, typer.Option(min=0, metavar="N", help="trusted designs beside the front, at random")] = 8,
+    model: Annotated[str | None, typer.Option(help="line of the audit [the next costlier]")] = None,
+    segments: Annotated[int | None, typer.Option(min=2, metavar="N", help="mesh of the audit")] = None,
+    seed: Annotated[int, typer.Option(min=0, help="of the sample")] = 0,
+) -> None:
+    """Run the front and a sample again with the next costlier model: how far metrics, order and front may be believed.
+
+    The study's rows stay as they are; DIR/audit has the audit's, DIR/audit.nc both. Under mpirun as `run`.
+    """
+    from . import audit
+
+    wanted = audit.Wanted(sample=sample, seed=seed, model=model, segments=segments)
+
+    def told(ended: audit.Ended) -> str:
+        if ended.data is None:
+            return f"interrupted by {ended.interrupted}: the same command goes on from here"
+        return f"{report.audited(ended.data, Console())}\n\naudit      {directory / 'audit.nc'}"
+
+    _on_ranks(lambda ranks: audit.audit(directory, wanted, ranks), told)
+
+
 def _plots() -> Any:
     """The figures; matplotlib is imported only where one is drawn."""
     from . import plot
@@ -393,7 +523,8 @@ def plot(
         str | None, typer.Option(metavar="best|KEY", help="the point to show, in figures of one point")
     ] = None,
     over: Annotated[
-        list[str] | None, typer.Option(metavar="KEY", help="profile: lay this point over it; may be given again")
+        list[str] | None,
+        typer.Option(metavar="KEY", help="profile, compare: lay this point over it; may be given again"),
     ] = None,
 ) -> None:
     """Draw a figure into DIR/figures."""
@@ -404,8 +535,10 @@ def plot(
     cheap = [name for name, entry in plots.PLOTS.items() if not entry.dear]
     if kind == "all" and (point or over):
         raise typer.BadParameter("`all` shows the best point: name one kind of figure", param_hint="--point, --over")
-    dataset = store.open_study(directory) if point or over else xr.Dataset()
-    key, others = _key(dataset, point) if point else None, [_key(dataset, text) for text in over or ()]
+    dataset = store.open_study(directory) if point or over else None
+    key, others = None, []
+    if dataset is not None:
+        key, others = _key(dataset, point) if point else None, [_key(dataset, text) for text in over or ()]
     for name in cheap if kind == "all" else [kind]:
         try:
             say(plots.save_plot(directory, name, key, others))

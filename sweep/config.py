@@ -24,7 +24,8 @@ from solvers import Ask, Scene
 from solvers.scene import NonNegative, Number, Positive, record
 from solvers.settled import why_not
 
-from .fields import SCENE, Expression, FieldError, apart, assign, deep_merge, lookup, parse
+from .fatigue import Fatigue, Limits
+from .fields import COUNT, SCENE, Expression, FieldError, apart, deep_merge, kind_has, lookup, parse, place
 from .mend import Place, Reading, follows, match_keys, plain, read
 from .mistakes import ABSENT, ConfigError, Mistake, faults, nearest, unknown_key
 
@@ -37,6 +38,7 @@ def _no_bool(value: Any) -> Any:
 
 Count = Annotated[int, BeforeValidator(_no_bool), Field(ge=1)]
 Whole = Annotated[int, BeforeValidator(_no_bool), Field(ge=0)]
+Integer = Annotated[int, BeforeValidator(_no_bool)]
 Fraction = Annotated[float, BeforeValidator(_no_bool), Field(ge=0, le=1, allow_inf_nan=False)]
 Open = Annotated[float, BeforeValidator(_no_bool), Field(gt=0, lt=1, allow_inf_nan=False)]
 Baseline = Literal["uniform", "locked", "rod_locked", "plain", "full_rod"]
@@ -55,12 +57,13 @@ class Metric(NamedTuple):
     equation: str  # of paper 003, corrected; '' where it has none
     function: Callable[..., Any]
     per_device: bool = False  # also reported for each device as <name>_1, <name>_2, ...
+    needs: str = ""  # field of the study's `metrics` without which it is NaN
 
 
 METRICS: dict[str, Metric] = {}  # filled by sweep.metrics, which is imported with the package
 
 AGGREGATES = re.compile(r"mean|worst|q\d{1,2}")  # over environments: mean, worst, and quantiles (q10: 10 % lie below)
-_SUFFIX = re.compile(rf"_({AGGREGATES.pattern}|spread|sd)$")
+_SUFFIX = re.compile(rf"_({AGGREGATES.pattern}|ensemble|spread|sd)$")
 
 
 def split_name(name: str) -> tuple[str, tuple[str, ...]]:
@@ -79,7 +82,7 @@ def bad_tail(metric: Metric) -> int | None:
 
 
 def find_metric(name: str, devices: int | None = None) -> Metric | None:
-    """The metric behind a result's name: ``delta``, ``stroke_2``, ``gamma_worst``, ``delta_q90``, ``delta_sd``.
+    """The metric behind a result's name: ``delta``, ``stroke_2``, ``gamma_q10``, ``delta_ensemble_worst``.
 
     Parameters
     ----------
@@ -92,6 +95,20 @@ def find_metric(name: str, devices: int | None = None) -> Metric | None:
     if match is None or match[1] not in METRICS or not METRICS[match[1]].per_device:
         return None
     return METRICS[match[1]] if devices is None or int(match[2]) <= devices else None
+
+
+class Quantity(NamedTuple):
+    """A number that a design has before it is run."""
+
+    unit: str
+    definition: str
+    function: Callable[[Scene], float]
+
+
+DESIGN_QUANTITIES: dict[str, Quantity] = {
+    "device_mass": Quantity("kg", "mass of all devices", lambda scene: sum((d.mass for d in scene.devices), 0.0)),
+    "device_count": Quantity("1", "number of devices", lambda scene: float(len(scene.devices))),
+}
 
 
 # --------------------------------------------------------------------------- sections of the YAML
@@ -152,26 +169,63 @@ def _seed_paths(tree: Any) -> list[str]:
     return found
 
 
+_RANGES = ("log", "linear", "values", "integer", "choices")
+
+
 @record
 class Variable:
-    """A design variable: one field of the scene (or ``ask.x`` of the ask) or several, over a range or a list."""
+    """A design variable: one field of the scene (or ``ask.x`` of the ask) or several, over a range or a list.
+
+    A design holds a number for each variable: its value, or the place of its value among the ``choices``.
+    """
 
     field: str | tuple[str, ...] | None = None  # default: the variable's own key
     log: tuple[Positive, Positive] | None = None  # [lo, hi], evenly spread in the logarithm
     linear: tuple[Number, Number] | None = None  # [lo, hi]
     values: tuple[Number, ...] | None = None
+    integer: tuple[Integer, Integer] | None = None  # [lo, hi], whole numbers, both ends too
+    choices: tuple[Any, ...] | dict[str, Any] | None = None  # words or numbers, or named parts: {name: {kind: ...}}
 
     @model_validator(mode="after")
     def _one_range(self) -> Variable:
-        given = [name for name in ("log", "linear", "values") if getattr(self, name) is not None]
+        given = [name for name in _RANGES if getattr(self, name) is not None]
         if len(given) != 1:
-            raise ValueError("give exactly one of `log: [lo, hi]`, `linear: [lo, hi]`, `values: [...]`")
-        ends = self.log or self.linear
+            raise ValueError(
+                "give exactly one of `log: [lo, hi]`, `linear: [lo, hi]`, `values: [...]`, `integer: [lo, hi]`, "
+                "`choices: [...]`"
+            )
+        ends = self.log or self.linear or self.integer
         if ends and not ends[0] < ends[1]:
             raise ValueError(f"`{given[0]}: [lo, hi]` needs lo < hi, not {ends[0]:g} and {ends[1]:g}")
-        if self.values is not None and not self.values:
-            raise ValueError("`values` needs at least one value")
+        if (self.values is not None and not self.values) or (self.choices is not None and not self.choices):
+            raise ValueError(f"`{given[0]}` needs at least one value")
+        if isinstance(self.choices, tuple):
+            if any(isinstance(choice, Mapping | list | tuple) for choice in self.choices):
+                raise ValueError("`choices` that are not words or numbers need names: `choices: {name: {...}, ...}`")
+            if len(set(map(str, self.choices))) < len(self.choices):
+                raise ValueError("`choices` must differ")
         return self
+
+    @property
+    def options(self) -> Sequence[Any] | None:
+        """What a discrete variable may set, in order; None for a range."""
+        if self.integer is not None:
+            return range(self.integer[0], self.integer[1] + 1)
+        return tuple(self.choices.values()) if isinstance(self.choices, dict) else self.choices or self.values
+
+    @property
+    def labels(self) -> list[Any] | None:
+        """Names of the choices: words, or numbers where all of them are; None without choices."""
+        if self.choices is None or isinstance(self.choices, dict):
+            return None if self.choices is None else list(self.choices)
+        if all(isinstance(choice, int | float) and not isinstance(choice, bool) for choice in self.choices):
+            return [float(choice) for choice in self.choices]
+        return ["none" if choice is None else str(choice) for choice in self.choices]
+
+    @property
+    def numeric(self) -> bool:
+        """Whether its values are numbers, with which one can calculate."""
+        return self.labels is None or not isinstance(self.labels[0], str)
 
     def paths(self, key: str) -> tuple[str, ...]:
         """The field paths that the variable sets, ``key`` being its own name."""
@@ -181,37 +235,66 @@ class Variable:
 
     def at(self, u: float) -> float:
         """The value at ``u`` in [0, 1], to ten digits: keys must not hang on a math library's last bit."""
-        if self.values is not None:
-            return float(self.values[min(int(u * len(self.values)), len(self.values) - 1)])
+        if self.options is not None:
+            i = min(int(u * len(self.options)), len(self.options) - 1)
+            return float(i if self.choices is not None else self.options[i])
         lo, hi = self.log or self.linear or (0.0, 0.0)
         value = lo * math.exp(u * math.log(hi / lo)) if self.log else lo + u * (hi - lo)
         return min(max(float(f"{value:.10g}"), lo), hi)
 
-    def holds(self, value: float) -> bool:
+    def setting(self, value: float | str) -> Any:
+        """What a design's number (or the name of a choice) sets in the fields."""
+        if self.choices is None:
+            return value
+        assert self.labels is not None
+        assert self.options is not None
+        return self.options[self.labels.index(value) if isinstance(value, str) else int(value)]
+
+    def shown(self, value: float | str) -> Any:
+        """A design's number as results have it: the name of a choice."""
+        return value if self.labels is None or isinstance(value, str) else self.labels[int(value)]
+
+    def number(self, value: float | str) -> float:
+        """The reverse of :meth:`shown`."""
+        return float(value if self.labels is None else self.labels.index(value))
+
+    def holds(self, value: float | str) -> bool:
         """Whether a value is in the range or on the list."""
+        if self.labels is not None:
+            return value in self.labels
+        if isinstance(value, str):
+            return False
         if self.values is not None:
             return value in self.values
-        lo, hi = self.log or self.linear or (0.0, 0.0)
-        return lo <= value <= hi
+        lo, hi = self.log or self.linear or self.integer or (0.0, 0.0)
+        return lo <= value <= hi and (self.integer is None or float(value).is_integer())
 
     @property
     def tests(self) -> tuple[tuple[str, float], ...]:
-        """Values to try on the scene, each with where it stands: the ends of the range, or all the values."""
-        kind = next(name for name in ("log", "linear", "values") if getattr(self, name) is not None)
-        return tuple((f"{kind}[{i}]", value) for i, value in enumerate(getattr(self, kind)))
+        """Numbers to try on the scene, each with where it stands: the ends of the range, or all the values."""
+        kind = next(name for name in _RANGES if getattr(self, name) is not None)
+        if isinstance(self.choices, dict):
+            return tuple((f"choices.{name}", i) for i, name in enumerate(self.choices))
+        return tuple(
+            (f"{kind}[{i}]", i if self.choices is not None else value) for i, value in enumerate(getattr(self, kind))
+        )
 
 
 @record
 class Sampler:
-    """How designs are drawn. ``random`` and ``sobol`` designs do not change when ``n`` grows; ``given`` ones are those
-    of another study's front (``file``, whose values are kept in the study), or listed."""
+    """How designs are drawn. ``random``, ``sobol`` and ``saltelli`` designs do not change when ``n`` grows; ``given``
+    ones are those of another study's front (``file``, whose values are kept in the study), or listed.
 
-    kind: Literal["grid", "random", "lhs", "sobol", "given"] = "sobol"
-    n: Count | None = None  # designs; for a grid, levels of each axis
+    With d variables ``saltelli`` (for Sobol indices) has n blocks of d + 2 designs, ``morris`` (a screening) n
+    trajectories of d + 1; ``sweep sensitivity`` reads both.
+    """
+
+    kind: Literal["grid", "random", "lhs", "sobol", "given", "saltelli", "morris"] = "sobol"
+    n: Count | None = None  # designs; for a grid, levels of each axis; saltelli: blocks; morris: trajectories
     seed: Whole = 0
     levels: dict[str, Count] = Field(default_factory=dict)  # grid: levels of single axes
     file: str | None = None  # given: a front.nc or results.nc, relative to the study's folder
-    values: dict[str, tuple[Number, ...]] = Field(default_factory=dict)  # given: of each variable, design by design
+    values: dict[str, tuple[Number | str, ...]] = Field(default_factory=dict)  # given: of each variable, by design
 
     @model_validator(mode="after")
     def _countable(self) -> Sampler:
@@ -261,6 +344,8 @@ class MetricsSection:
     pulse_end: NonNegative = 0.0  # RMS values count from here [s]
     baseline: Baseline = "locked"
     probe: NonNegative | None = None  # arc length of a probe [m]
+    limits: Limits | None = None  # breaking load and minimum bend radius
+    fatigue: Fatigue | None = None  # the cable's critical layer and its curve
 
     @model_validator(mode="after")
     def _ordered(self) -> MetricsSection:
@@ -273,9 +358,9 @@ class MetricsSection:
 class MetricSettings(MetricsSection):
     """All that a point's metrics depend on besides its scene and its run."""
 
-    repeats: Whole = 0  # perturbed repetitions behind each `_spread`
+    repeats: Whole = 0  # perturbed repetitions behind each `_spread` and `_ensemble`
     perturbation: NonNegative = 1e-9  # of their initial velocities [m/s]
-    objectives: tuple[str, ...] = ()  # metrics that get a `_spread`
+    objectives: tuple[str, ...] = ()  # metrics that get a `_spread` and an `_ensemble`
     uncertainty: Uncertainty | None = None  # whether and how every metric gets its `_sd`
 
     @property
@@ -307,6 +392,34 @@ class Repeats:
 
 
 @record
+class Bound:
+    """What a metric or a quantity of a design must keep to; with several environments, in each of them."""
+
+    min: Number | None = None
+    max: Number | None = None
+
+    @model_validator(mode="after")
+    def _some(self) -> Bound:
+        if self.min is None and self.max is None:
+            raise ValueError("give `min`, `max` or both")
+        if self.min is not None and self.max is not None and self.min > self.max:
+            raise ValueError(f"`min` must not be above `max`, not {self.min:g} and {self.max:g}")
+        return self
+
+
+@record
+class OptimiseSection:
+    """How ``sweep optimise`` looks for the front."""
+
+    algorithm: Literal["nsga2", "nsga3", "gp"] = "nsga2"  # gp: Gaussian processes in place of most runs
+    population: Annotated[int, BeforeValidator(_no_bool), Field(ge=4)] = 50  # designs of a generation; gp: of the first
+    batch: Count = 8  # gp: designs of each later generation
+    evaluations: Count = 500  # distinct designs, in all
+    seed: Whole = 0
+    reference: dict[str, Number] = Field(default_factory=dict)  # objective: value from which hypervolume is counted
+
+
+@record
 class StudyFile:
     """The layout of a study's YAML."""
 
@@ -320,6 +433,8 @@ class StudyFile:
     ask: AskSection
     metrics: MetricsSection = Field(default_factory=MetricsSection)
     objectives: tuple[str, ...] = ("delta", "gamma", "t_settle")
+    constraints: dict[str, Bound] = Field(default_factory=dict)  # metric, or quantity of the design: its bounds
+    optimise: OptimiseSection | None = None
     repeats: Repeats = Field(default_factory=Repeats)
     uncertainty: Uncertainty | None = None
     time_limit: Positive | None = 600.0  # of one point [s], past it the row says TIMEOUT; null sets none
@@ -336,21 +451,24 @@ class Study:
     environments: tuple[Environment, ...] = (Environment(name="default"),)  # never empty
     variables: Mapping[str, Variable] = field(default_factory=dict)
     tied: Mapping[str, Expression] = field(default_factory=dict)
-    sampler: Sampler = field(default_factory=lambda: Sampler(n=1))
+    sampler: Sampler | None = field(default_factory=lambda: Sampler(n=1))  # None: for `sweep optimise` alone
     ask: Ask
     settings: MetricSettings = field(default_factory=MetricSettings)
     objectives: tuple[str, ...] = ()
+    constraints: Mapping[str, Bound] = field(default_factory=dict)
+    optimise: OptimiseSection = field(default_factory=OptimiseSection)
     repeats: Repeats = field(default_factory=Repeats)
     time_limit: float | None = None  # [s]
     memory_limit: float | None = None  # [MB]
     text: str = ""  # the study as one YAML without includes; loads as itself
 
-    def assignments(self, values: Mapping[str, float]) -> dict[str, Any]:
+    def assignments(self, values: Mapping[str, Any]) -> dict[str, Any]:
         """What a design sets in the scene and, as ``ask.x``, in the ask; field by field, tied fields last."""
         found: dict[str, Any] = {}
         for key, variable in self.variables.items():
-            found.update(dict.fromkeys(variable.paths(key), values[key]))
-        return found | {path: expression.value(values) for path, expression in self.tied.items()}
+            found.update(dict.fromkeys(variable.paths(key), variable.setting(values[key])))
+        numbers = {key: self.variables[key].shown(value) for key, value in values.items()}
+        return found | {path: expression.value(numbers) for path, expression in self.tied.items()}
 
 
 # --------------------------------------------------------------------------- reading YAML
@@ -501,7 +619,7 @@ def _read_designs(raw: Any, folder: Path, mistakes: list[Mistake]) -> Any:
     return {key: value for key, value in raw.items() if key != "file"} | {"values": values}
 
 
-def designs_in(path: str | Path) -> dict[str, list[float]]:
+def designs_in(path: str | Path) -> dict[str, list[float | str]]:
     """Design variables of a front.nc or results.nc, design by design; FieldError where there are none."""
     import xarray as xr  # a third of a second, for this alone
 
@@ -513,7 +631,7 @@ def designs_in(path: str | Path) -> dict[str, list[float]]:
         with xr.open_dataset(path, engine="netcdf4") as dataset:
             index = "design" if "environment" in dataset.dims else "point"
             columns = {
-                str(name): [float(value) for value in column.values]
+                str(name): [value if isinstance(value, str) else float(value) for value in column.values.tolist()]
                 for name, column in dataset.coords.items()
                 if column.dims == (index,) and name not in ("design", "point")
             }
@@ -572,11 +690,13 @@ def parse_study(
     objectives = tuple(parts.get("objectives", ("delta", "gamma", "t_settle")))
     repeats = parts.get("repeats", Repeats())
     metrics = parts.get("metrics", MetricsSection())
+    constraints = parts.get("constraints", {})
+    repeated = dict.fromkeys([*objectives, *(name for name in constraints if name != split_name(name)[0])])
     settings = MetricSettings(
         **asdict(metrics),
         repeats=repeats.n,
         perturbation=repeats.perturbation,
-        objectives=objectives if repeats.n else (),
+        objectives=tuple(repeated) if repeats.n else (),
         uncertainty=parts.get("uncertainty"),
     )
     entries = parts.get("environments") or (Environment(name="default"),)
@@ -592,10 +712,12 @@ def parse_study(
         environments=environments,
         variables=parts.get("variables", {}),
         tied={path: Expression(str(text)) for path, text in parts.get("tied", {}).items()},
-        sampler=parts.get("sampler") or Sampler(n=1),
+        sampler=parts.get("sampler") or (None if parts.get("optimise") else Sampler(n=1)),
         ask=Ask(**asdict(parts["ask"])),
         settings=settings,
         objectives=objectives,
+        constraints=constraints,
+        optimise=parts.get("optimise") or OptimiseSection(),
         repeats=repeats,
         time_limit=parts.get("time_limit", 600.0),
         memory_limit=parts.get("memory_limit"),
@@ -657,6 +779,8 @@ def _check(draft: Draft) -> None:
     _check_rods(draft, sound)
     _check_metrics(draft)
     _check_objectives(draft)
+    _check_constraints(draft)
+    _check_optimise(draft)
     if isinstance(draft.scene.tree, dict):
         _check_extremes(draft, sound)
         _check_periodic(draft, sound)
@@ -669,10 +793,12 @@ def _check_paths(draft: Draft) -> Sound:
 
     def claim(path: str, where: str, value: Any) -> bool:
         try:
-            lookup(draft.outline, path)
+            if path != COUNT:
+                lookup(draft.outline, path)
         except FieldError as error:
-            draft.add(where, value, error.problem, error.remedy)
-            return False
+            if not _in_a_choice(draft, path):
+                draft.add(where, value, error.problem, error.remedy)
+                return False
         if path in owners:
             draft.add(where, value, f"`{path}` is already set by {owners[path]}")
             return False
@@ -688,7 +814,7 @@ def _check_paths(draft: Draft) -> Sound:
         fits = [claim(path, where, ABSENT if path == key else path) for path in paths]
         if given == []:
             draft.add(where, ABSENT, "needs at least one field")
-        elif good and all(fits):
+        elif good and all(fits) and _can_count(draft, where, variable, paths):
             sound.variables[key] = variable
         else:
             sound.left_out |= {parse(path) for path, fit in zip(paths, fits, strict=True) if fit}
@@ -704,12 +830,49 @@ def _check_paths(draft: Draft) -> Sound:
             else:
                 for name in sorted(expression.names - set(names)) if names is not None else ():
                     draft.add(where, text, f"unknown name `{name}`", nearest(name, names or ()))
+                for name in sorted(expression.names & sound.variables.keys()):
+                    if not sound.variables[name].numeric:
+                        draft.add(where, text, f"`{name}` is no number", "set the field in its `choices`")
+                        fits = [False]
                 if all(fits) and expression.names <= sound.variables.keys():
                     sound.tied[path] = expression
         if all(fits) and path not in sound.tied:
             sound.left_out.add(parse(path))
     _check_environments(draft, sound, dict(owners))
     return sound
+
+
+def _can_count(draft: Draft, where: str, variable: Variable, paths: Sequence[str]) -> bool:
+    """Whether a variable can be the number of devices, if it is to be."""
+    devices = lookup(draft.outline, "devices")
+    if COUNT not in paths or not isinstance(devices, list):
+        return True
+    numbers = [variable.setting(value) for _, value in variable.tests] if variable.options is not None else [None]
+    most = len(devices)
+    if all(isinstance(n, int | float) and float(n).is_integer() and 0 <= n <= most for n in numbers):
+        return True
+    draft.add(where, ABSENT, f"{COUNT} should be a whole number, 0 to {most}", "write `integer: [lo, hi]`")
+    return False
+
+
+def _in_a_choice(draft: Draft, path: str) -> bool:
+    """Whether a path leads into a part that one of the variables' choices brings."""
+    try:
+        parts = parse(path)
+    except FieldError:
+        return False
+    for key, variable in draft.get("variables", {}).items():
+        choices = variable.choices.values() if isinstance(variable.choices, dict) else ()
+        for outer in variable.paths(key):
+            inside = parts[: len(parse(outer))] == parse(outer) and len(parts) > len(parse(outer))
+            for choice in choices if inside else ():
+                with suppress(FieldError, LookupError, TypeError):
+                    lookup(draft.outline, outer)
+                    if isinstance(choice, Mapping) and kind_has(
+                        draft.scene.tree, outer, choice, parts[len(parse(outer))]
+                    ):
+                        return True
+    return False
 
 
 def _check_environments(draft: Draft, sound: Sound, owners: Mapping[str, str]) -> None:
@@ -759,7 +922,7 @@ def _check_sampler(draft: Draft) -> None:
         _check_given(draft, sampler)
         return
     if sampler is None:
-        if names and "sampler" not in draft.readings:
+        if names and not draft.readings.keys() & {"sampler", "optimise"}:
             draft.add(
                 "sampler", ABSENT, "is required with `variables`", "e.g. {kind: sobol, n: 100, seed: 0}"
             )
@@ -769,7 +932,7 @@ def _check_sampler(draft: Draft) -> None:
             draft.add(f"sampler.levels.{key}", sampler.levels[key], "no such variable", nearest(key, names))
     if sampler.kind == "grid" and sampler.n is None and draft.sure("sampler"):
         for key, variable in draft.get("variables", {}).items():
-            if variable.values is None and key not in sampler.levels:
+            if variable.options is None and key not in sampler.levels:
                 draft.add("sampler", ABSENT, f"a grid needs `n`, or `levels` for `{key}`", "e.g. n: 5")
 
 
@@ -797,7 +960,8 @@ def _check_given(draft: Draft, sampler: Sampler) -> None:
         for i, value in enumerate(sampler.values.get(key, ())):
             if not variable.holds(value):
                 place, ends = f"sampler.values.{key}[{i}]", variable.log or variable.linear
-                allowed = f"{ends[0]:g} to {ends[1]:g}" if ends else ", ".join(f"{v:g}" for v in variable.values or ())
+                listed = [str(v) for v in variable.labels or variable.options or ()]
+                allowed = f"{ends[0]:g} to {ends[1]:g}" if ends else ", ".join(listed)
                 draft.add(place, value, f"is outside the variable's range, {allowed}", f"widen variables.{key}")
 
 
@@ -845,6 +1009,9 @@ def _check_rods(draft: Draft, sound: Sound) -> None:
     if draft.sure("ask", "rho_space") and ask.rho_space != 1 and ask.model not in FAMILY:
         problem = f"damps along s in {', '.join(FAMILY)} alone, not in `{ask.model}`"
         draft.add("ask.rho_space", ask.rho_space, problem, "remove it, or name one of these models")
+    elif draft.sure("ask", "rho_space") and ask.rho_space < 1 and ask.duration > 0 and "ask.duration" not in varied:
+        problem = "damps along s at rest alone: in motion, what travels towards end A would grow"
+        draft.add("ask.rho_space", ask.rho_space, problem, "remove it (`rho` damps in time), or write `duration: 0`")
 
 
 def _check_metrics(draft: Draft) -> None:
@@ -874,7 +1041,7 @@ def _check_metrics(draft: Draft) -> None:
 
 
 def _check_objectives(draft: Draft) -> None:
-    objectives = draft.get("objectives")
+    objectives, repeats = draft.get("objectives"), draft.get("repeats")
     if objectives is None or (not objectives and not draft.sure("objectives")):
         return
     devices = lookup(draft.scene.outline, "devices")
@@ -894,8 +1061,12 @@ def _check_objectives(draft: Draft) -> None:
         elif metric.direction is None:
             problem = "neither more nor less of it is better, so it cannot be an objective"
             draft.add(where, name, problem, f"allowed: {', '.join(good)}")
+        elif metric.needs and not _given(draft, metric.needs):
+            draft.add(where, name, f"cannot be read without `metrics.{metric.needs}`", "give it, or drop the objective")
         elif said and not aggregated:
             draft.add(where, name, "aggregates need at least two `environments`")
+        elif "_ensemble" in name and draft.sure("repeats") and not (repeats and repeats.n):
+            draft.add(where, name, "is a mean over perturbed runs", "write e.g. `repeats: {n: 4}`")
         elif said and said[0][0] == "q" and (int(said[0][1:]) > 50) != (metric.direction == "min"):
             problem = f"is the good tail: of this metric {'less' if metric.direction == 'min' else 'more'} is better"
             draft.add(where, name, problem, f"write {name.removesuffix(said[0])}q{100 - int(said[0][1:]):02d}")
@@ -907,8 +1078,50 @@ def _check_objectives(draft: Draft) -> None:
         draft.add("objectives", ABSENT, "needs at least one metric", f"allowed: {', '.join(good)}")
 
 
+def _check_constraints(draft: Draft) -> None:
+    devices = lookup(draft.scene.outline, "devices")
+    count = len(devices) if isinstance(devices, list) else None
+    for name in draft.get("constraints", {}):
+        if name not in DESIGN_QUANTITIES and find_metric(name, count) is None:
+            draft.add(f"constraints.{name}", ABSENT, "unknown metric", nearest(name, [*METRICS, *DESIGN_QUANTITIES]))
+        repeats = draft.get("repeats")
+        if re.search("_(ensemble|spread)", name) and draft.sure("repeats") and not (repeats and repeats.n):
+            draft.add(f"constraints.{name}", ABSENT, "is read from perturbed runs", "write e.g. `repeats: {n: 4}`")
+
+
+def _check_optimise(draft: Draft) -> None:
+    section, objectives = draft.get("optimise"), draft.get("objectives", StudyFile.objectives)
+    if section is None:
+        return
+    if draft.names == []:
+        draft.add("optimise", ABSENT, "there is nothing to choose", "give the study `variables`")
+    if not draft.sure("objectives"):
+        return
+    if section.algorithm == "nsga3" and len(objectives) < 2:
+        draft.add("optimise.algorithm", "nsga3", "needs at least two objectives", "use nsga2")
+    for name in section.reference:
+        if name not in objectives:
+            value = section.reference[name]
+            draft.add(f"optimise.reference.{name}", value, "no such objective", nearest(name, objectives))
+    missing = [name for name in objectives if name not in section.reference]
+    if section.reference and missing:
+        draft.add("optimise.reference", ABSENT, f"needs a value for {', '.join(missing)}", "or leave it out")
+
+
+def _given(draft: Draft, path: str) -> bool:
+    """Whether a field of the study's `metrics` is given, or may be where a mistake hides it."""
+    here = draft.get("metrics")
+    for name in path.split("."):
+        here = getattr(here, name, None)
+    return here is not None or not draft.sure("metrics", *path.split("."))
+
+
 def _check_extremes(draft: Draft, sound: Sound) -> None:
-    """Build the scene at both ends of every variable, the others mid-range, and in every environment."""
+    """Build the scene at both ends of every variable, the others mid-range, and in every environment.
+
+    A variable of a part that some choices bring is tried with each of them. Devices may meet where one of them moves:
+    such a design is a row that says so, and no mistake.
+    """
     scene, schema = draft.scene, SCENE.json_schema()
     holes = scene.holes | sound.left_out
     Problems = dict[tuple[str, str], Mistake]  # by field path and sentence
@@ -924,12 +1137,9 @@ def _check_extremes(draft: Draft, sound: Sound) -> None:
             (_adapter("ask"), asked, "ask", ask_schema, apart(wanted)[1]),
         ):
             tree = plain(reading.tree)
-            for path, value in changes.items():
-                with suppress(FieldError):  # a path into what a mistake has made unknown
-                    lookup(tree, path)
-                    assign(tree, path, value)
             if not isinstance(tree, dict):
                 continue
+            place(tree, changes, strict=False)  # a path may lead into what a mistake has made unknown
             unclear = holes if prefix == "" else reading.holes
             try:
                 good = adapter.validate_python(tree)
@@ -951,29 +1161,50 @@ def _check_extremes(draft: Draft, sound: Sound) -> None:
     def design(values: Mapping[str, float], patch: Mapping[str, Any]) -> Problems:
         wanted, wrong = dict(patch), {}
         for key, variable in sound.variables.items():
-            wanted.update(dict.fromkeys(variable.paths(key), values[key]))
+            wanted.update(dict.fromkeys(variable.paths(key), variable.setting(values[key])))
+        numbers = {key: sound.variables[key].shown(value) for key, value in values.items()}
         for path, expression in sound.tied.items():
             try:
-                wanted[path] = expression.value(values)
+                wanted[path] = expression.value(numbers)
             except FieldError as error:
                 wrong[f"tied.{path}", error.problem] = Mistake(f"tied.{path}", ABSENT, error.problem)
-        return {key: value for key, value in (wrong | problems(wanted)).items() if key not in own}
+        found = {key: value for key, value in (wrong | problems(wanted)).items() if key not in own}
+        return {key: value for key, value in found.items() if not (moving and "at the same place" in value.problem)}
 
     def say(where: str, value: Any, mistake: Mistake) -> None:
         draft.add(where, value, f"{mistake.path or 'the scene'}: {mistake.problem}", mistake.remedy)
 
     own = problems({})  # those of the scene and the ask themselves, which are reported
     draft.found += [m for (path, _), m in own.items() if path.startswith("ask.rods") and "on the cable" in m.problem]
-    middle = {key: variable.at(0.5) for key, variable in sound.variables.items()}
+    moving = any(path.endswith("].s") for key, variable in sound.variables.items() for path in variable.paths(key))
+    middle = {
+        key: variable.at(1.0 if COUNT in variable.paths(key) else 0.5) for key, variable in sound.variables.items()
+    }
     usual = design(middle, {})
+    parts = [  # every choice of a whole part, with whose fields other variables are tried
+        {key: float(i)}
+        for key, variable in sound.variables.items()
+        for i, option in enumerate(variable.options or () if variable.choices else ())
+        if isinstance(option, Mapping)
+    ]
     blamed: set[tuple[str, str]] = set()
     for key, variable in sound.variables.items():
         for where, value in variable.tests:
-            wrong = design(middle | {key: value}, {})
-            mine = [problem for problem in wrong if wrong[problem].path in variable.paths(key)]
-            for problem in mine or [problem for problem in wrong if problem not in usual]:
-                say(f"variables.{key}.{where}", value, wrong[problem])
-            blamed.update(wrong if mine else ())
+            seen: set[tuple[str, str]] = set()
+            for part in [{}, *(part for part in parts if key not in part)]:
+                wrong = design(middle | part | {key: value}, {})
+                known = usual if not part else usual | design(middle | part, {})
+                inside = tuple(f"{path}." for path in variable.paths(key) if variable.choices)
+                mine = [
+                    problem
+                    for problem, mistake in wrong.items()
+                    if mistake.path in variable.paths(key) or mistake.path.startswith(inside)
+                ]
+                for problem in mine or [problem for problem in wrong if problem not in known]:
+                    if problem not in seen:
+                        say(f"variables.{key}.{where}", variable.shown(value), wrong[problem])
+                    seen.add(problem)
+                blamed.update(wrong if mine else ())
     for problem in [problem for problem in usual if problem not in blamed]:
         say("variables", ABSENT, usual[problem]._replace(path=f"mid-range, {usual[problem].path}"))
     told: set[tuple[str, Any, str]] = set()  # a value of a grid is tried with each of the other fields' values
@@ -989,8 +1220,8 @@ def _check_extremes(draft: Draft, sound: Sound) -> None:
             if at:
                 draft.add(at, patch.set[mistake.path], mistake.problem, mistake.remedy)
             else:
-                part = "set" if all(".set." in place for place in patch.places.values()) else "grid"
-                say(f"environments[{patch.entry}].{part}", ABSENT, mistake)
+                kind = "set" if all(".set." in place for place in patch.places.values()) else "grid"
+                say(f"environments[{patch.entry}].{kind}", ABSENT, mistake)
 
 
 def _check_periodic(draft: Draft, sound: Sound) -> None:
@@ -1006,10 +1237,10 @@ def _check_periodic(draft: Draft, sound: Sound) -> None:
         try:
             wanted = dict(patch.set)
             for key, variable in sound.variables.items():
-                wanted.update(dict.fromkeys(variable.paths(key), middle[key]))
-            wanted |= {path: expression.value(middle) for path, expression in sound.tied.items()}
-            for path, value in apart(wanted)[0].items():
-                assign(tree, path, value)
+                wanted.update(dict.fromkeys(variable.paths(key), variable.setting(middle[key])))
+            numbers = {key: sound.variables[key].shown(value) for key, value in middle.items()}
+            wanted |= {path: expression.value(numbers) for path, expression in sound.tied.items()}
+            place(tree, apart(wanted)[0])
             reason = why_not(SCENE.validate_python(tree), harmonics)
         except (FieldError, ValidationError, KeyError, IndexError, TypeError):
             continue  # a mistake that is reported elsewhere

@@ -5,17 +5,18 @@ from __future__ import annotations
 import json
 import re
 from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import fields
+from dataclasses import asdict, fields
 from typing import Any
 
 import numpy as np
 import xarray as xr
 
-from .config import Metric, Study, find_metric, split_name
+from .config import DESIGN_QUANTITIES, Metric, Study, find_metric, split_name
 from .metrics import metric_names
 from .pareto import CRITERION, aggregate, aggregate_deviation, aggregates
 from .plan import Plan
 from .point import Record
+from .space import design_quantity
 
 ABOUT = {  # unit and meaning of a row's own fields
     "key": ("", "hash of the point's physics inputs"),
@@ -79,14 +80,23 @@ def assemble(
     if several:
         coordinates["environment"] = ("environment", plan.environments)
     for name in study.variables:
-        values = plan.designs.column(name)[begin:end].copy()
-        coordinates[name] = (index, values, _variable_about(study, name))
+        column = plan.designs.column(name)[begin:end]
+        if study.variables[name].labels is None:
+            coordinates[name] = (index, column.copy(), _variable_about(study, name))
+            continue
+        labels = [study.variables[name].shown(value) for value in column]
+        kind = float if study.variables[name].numeric else object
+        coordinates[name] = (index, np.array(labels, dtype=kind), _variable_about(study, name))
     dataset = xr.Dataset(coords=coordinates, attrs=_attributes(study, headers))
     for field in fields(Record):
         if field.name in ABOUT:
             kind = {"str": object, "int": np.int64, "float": np.float64}[str(field.type)]
             column = np.array([getattr(record, field.name) for record in records], dtype=kind)
             dataset[field.name] = (dims, column.reshape(shape), _about(*ABOUT[field.name]))
+    for name in DESIGN_QUANTITIES.keys() & study.constraints.keys():
+        unit, meaning, _ = DESIGN_QUANTITIES[name]
+        column = np.array([design_quantity(study, values, name) for values in plan.designs[begin:end]], dtype=float)
+        dataset[name] = (index, column, _about(unit, meaning))
     found = {name for record in records for name in record.metrics} if metrics is None else set(metrics)
     for name in _columns(study, found):
         column = np.array([record.metrics.get(name, np.nan) for record in records], dtype=float)
@@ -131,6 +141,8 @@ def _metric_about(name: str) -> dict[str, str]:
     device = re.fullmatch(rf"{metric.name}_(\d+)", name)
     if device:
         about |= {"long_name": f"{metric.definition.split(';')[0]}; device {device[1]}"}
+    if name.endswith("_ensemble"):
+        about |= {"long_name": f"mean of {name.removesuffix('_ensemble')} over the run and its perturbed repetitions"}
     if name.endswith("_spread"):
         about |= {
             "long_name": f"spread of {name.removesuffix('_spread')} over perturbed runs",
@@ -158,6 +170,7 @@ def _attributes(study: Study, headers: Sequence[Mapping[str, Any]]) -> dict[str,
         "description": study.description,
         "study": study.text,
         "objectives": json.dumps(list(study.objectives)),
+        "constraints": json.dumps({name: asdict(bound) for name, bound in study.constraints.items()}),
         "criterion": CRITERION,
         "solver": ", ".join(sorted({str(header.get("solver", "")) for header in kept})),
         "versions": json.dumps([header.get("versions", {}) for header in kept]),

@@ -14,8 +14,8 @@ import sys
 import time
 from collections import Counter, defaultdict, deque
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from contextlib import contextmanager, suppress
-from dataclasses import dataclass, field
+from contextlib import AbstractContextManager, contextmanager, suppress
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from types import FrameType
 from typing import Any, Protocol
@@ -30,6 +30,7 @@ from .supervise import SIGNALS, CannotRun, Child
 
 GRACE = {"SIGUSR1": 60.0}  # a point in flight may finish within this time of a signal [s] ...
 SHORT = 5.0  # ... and within this of the others: SLURM kills 30 s after SIGTERM
+IMPATIENT = 1.0  # a second Ctrl-C after this ends a run at once; a launcher passes the first one on twice [s]
 POLL = 0.002  # how long a rank with something to do sleeps between looks [s]
 CHUNK_SECONDS, CHUNK = 0.5, 1024  # a chunk lasts for so long, and holds no more points
 NEWS, ALIVE = 0.5, 10.0  # how often a rank tells of its rows, or that it lives [s]
@@ -56,13 +57,15 @@ class Job:
     study: Study | None = None  # of which orders are made points
     turn: int | None = None  # of the run, the same for all ranks
     silence: float = SILENCE
+    batches: bool = False  # ranks and children stay for the next batch of points, and rank 0 is sent every row
 
     def store(self, rank: int) -> Store:
         known = self.any_version or self.turn is not None  # then rank 0 has seen to it
         return open_store(self.directory, f"{self.part}{rank}", self.header, any_version=known, turn=self.turn)
 
-    def child(self) -> Child:
-        limits = self.time_limit, self.memory_limit or memory_share()
+    def child(self, here: int = 0) -> Child:
+        """A child, one of so many on this node (0: the environment may know)."""
+        limits = self.time_limit, self.memory_limit or memory_share(here)
         return Child(self.evaluator, self.warm_ups, *limits, study=self.study)
 
 
@@ -76,18 +79,22 @@ class Done:
     count: int = 1
 
 
-def memory_share() -> float | None:
-    """What a worker may use where the study does not say [MB]: its share of the job's or the machine's memory."""
+def memory_share(here: int = 0) -> float | None:
+    """What a worker may use where the study does not say [MB]: its share of the job's or the machine's memory.
+
+    ``here`` is how many share the node; 0 takes what the launcher's environment says.
+    """
     cores = _count("SLURM_CPUS_PER_TASK") or 1
     if limit := _count("SLURM_MEM_PER_CPU") * cores:
         share = float(limit)
     else:
-        here = _count("SLURM_NTASKS_PER_NODE") or _count("MPI_LOCALNRANKS") or _count("OMPI_COMM_WORLD_LOCAL_SIZE")
+        names = ("SLURM_NTASKS_PER_NODE", "MPI_LOCALNRANKS", "OMPI_COMM_WORLD_LOCAL_SIZE")
+        here = here or next(filter(None, map(_count, names)), 1)
         try:
             share = os.sysconf("SC_PAGE_SIZE") * os.sysconf("SC_PHYS_PAGES") / 1e6
         except (ValueError, OSError):
             return None
-        share = 0.9 * min(share, _count("SLURM_MEM_PER_NODE") or share) / max(here, 1)
+        share = 0.9 * min(share, _count("SLURM_MEM_PER_NODE") or share) / here
     return round(max(share - RANK_MEMORY, share / 2))
 
 
@@ -99,10 +106,12 @@ class Interrupt:
 
     def __init__(self) -> None:
         self.name = ""
-        self.end = 0.0  # of the grace, by the monotonic clock
+        self.end = self.since = 0.0  # of the grace, by the monotonic clock
 
     def set(self, name: str) -> None:
-        end = time.monotonic() + GRACE.get(name, SHORT)
+        now = time.monotonic()
+        self.since = self.since if self.name else now
+        end = now + GRACE.get(name, SHORT)
         self.end = min(self.end, end) if self.name else end  # a SIGTERM after a SIGUSR1 is in more of a hurry
         self.name = self.name or name
 
@@ -115,12 +124,18 @@ class Interrupt:
 
 
 @contextmanager
-def interruptible() -> Iterator[Interrupt]:
-    """Turn the signals that ask a job to end into a flag."""
+def interruptible(interrupt: Interrupt | None = None) -> Iterator[Interrupt]:
+    """Turn the signals that ask a job to end into a flag, a given one if somebody listens already."""
+    if interrupt is not None:
+        yield interrupt
+        return
     interrupt = Interrupt()
 
     def handle(number: int, frame: FrameType | None) -> None:
+        impatient = number == signal.SIGINT and interrupt.name and time.monotonic() - interrupt.since > IMPATIENT
         interrupt.set(signal.Signals(number).name)
+        if impatient:
+            raise KeyboardInterrupt
 
     before = {number: signal.signal(number, handle) for number in SIGNALS}
     try:
@@ -139,6 +154,8 @@ class World(Protocol):
     rank: int
     size: int
     local: int  # rank among those of this node
+    here: int  # how many they are; 0 where nobody has counted
+    hung: bool  # a rank does not answer: closing MPI would wait for it for ever
 
     def send(self, to: int, message: Any) -> None: ...
     def receive(self) -> tuple[int, Any] | None: ...
@@ -149,7 +166,7 @@ class World(Protocol):
 class Alone:
     """A world of one."""
 
-    rank, size, local = 0, 1, 0
+    rank, size, local, here, hung = 0, 1, 0, 0, False
 
     def send(self, to: int, message: Any) -> None:
         raise AssertionError("nobody to send to")
@@ -170,7 +187,9 @@ class Mpi:
     def __init__(self, MPI: Any) -> None:
         self._mpi, self._comm = MPI, MPI.COMM_WORLD
         self.rank, self.size = self._comm.rank, self._comm.size
-        self.local = self._comm.Split_type(MPI.COMM_TYPE_SHARED, self.rank).rank
+        node = self._comm.Split_type(MPI.COMM_TYPE_SHARED, self.rank)
+        self.local, self.here = node.rank, node.size
+        self.hung = False
         self._sent: list[Any] = []
 
     def send(self, to: int, message: Any) -> None:
@@ -198,7 +217,7 @@ class Mpi:
 def world() -> World:
     """The ranks this process belongs to; ``CannotRun`` when a launcher started copies that are strangers."""
     name, launched = max(((name, _count(name)) for name in SIZES), key=lambda pair: pair[1])
-    if launched == 0 and "mpi4py" not in sys.modules:
+    if launched <= 1 and "mpi4py" not in sys.modules:  # an array task too: some MPIs end a process they did not start
         return Alone()
     try:
         from mpi4py import MPI
@@ -229,13 +248,14 @@ def _strangers(name: str, launched: int, why: str) -> str:
 class _Worker:
     """A rank's child, its queue and its journal."""
 
-    def __init__(self, job: Job, rank: int, interrupt: Interrupt, report: Callable[[Done], None]) -> None:
-        self.store = job.store(rank)
+    def __init__(self, job: Job, ranks: World, interrupt: Interrupt, report: Callable[[Done], None]) -> None:
+        self.store = job.store(ranks.rank)
         self.store.open()
-        self.child = job.child()
+        self.child = job.child(ranks.here)
         self.queue: deque[Point | Order] = deque()
         self.interrupt, self.report = interrupt, report
         self.rows = 0
+        self.kept: list[Record] | None = [] if job.batches else None  # rows that nobody was told
 
     @property
     def busy(self) -> bool:
@@ -251,11 +271,15 @@ class _Worker:
             self.child.stop()
         self.feed()
         record = self.child.poll(timeout)
-        if record is not None:
+        if record is None:
+            self.store.tick()
+        else:
             done = Done(record.status, record.message, self.child.took)
             self.feed()  # the child works on while the row is written
             self.store.append(record)
             self.rows += 1
+            if self.kept is not None:
+                self.kept.append(record)
             self.report(done)
 
     def feed(self) -> None:
@@ -284,14 +308,56 @@ def map_points(
     ranks: World,
     report: Callable[[Done], None] = lambda done: None,
     beat: Callable[[], None] = lambda: None,
+    interrupt: Interrupt | None = None,
 ) -> str:
     """Evaluate ``points`` over all ranks; rank 0 calls this while the others ``serve``.
 
-    Every row is in a journal before ``report`` hears of it; ``beat`` is called often. Returns the name of the signal
-    that stopped it early, or "". Raises ``CannotRun`` or ``StoreError`` when all have stopped.
+    Every row is in a journal before ``report`` hears of it; ``beat`` is called often. ``interrupt`` is that of a caller
+    who listens to signals already. Returns the name of the signal that stopped it early, or "". Raises ``CannotRun``
+    or ``StoreError`` when all have stopped.
     """
-    with interruptible() as interrupt:
-        return _Leader(points, job, ranks, interrupt, report, beat).run()
+    with interruptible(interrupt) as heard:
+        return _Leader(points, job, ranks, heard, report, beat).run()
+
+
+class Crew:
+    """One batch of points after another over the same ranks and children; rank 0 has it while the others ``serve``.
+
+    Use it as a context, with a job whose ``batches`` is set; ``report`` and ``beat`` as in :func:`map_points`.
+    """
+
+    def __init__(
+        self,
+        job: Job,
+        ranks: World,
+        report: Callable[[Done], None] = lambda done: None,
+        beat: Callable[[], None] = lambda: None,
+    ) -> None:
+        self._given = job, ranks, report, beat
+        self._signals: AbstractContextManager[Interrupt] = interruptible()
+        self._leader: _Leader | None = None
+
+    def __enter__(self) -> Crew:
+        job, ranks, report, beat = self._given
+        interrupt = self._signals.__enter__()
+        try:
+            self._leader = _Leader([], job, ranks, interrupt, report, beat)
+        except BaseException:
+            self._signals.__exit__(None, None, None)
+            raise
+        return self
+
+    def map(self, points: Sequence[Point | Order] | Orders) -> tuple[list[Record], str]:
+        """The rows of a batch in any order, each in a journal by now, and the signal that cut it short or ""."""
+        assert self._leader is not None
+        return self._leader.batch(points)
+
+    def __exit__(self, kind: object, *error: object) -> None:
+        try:
+            if self._leader is not None:
+                self._leader.part(failed=kind is not None)
+        finally:
+            self._signals.__exit__(None, None, None)
 
 
 def evaluate_alone(point: Point, job: Job) -> Record:
@@ -339,29 +405,74 @@ class _Leader:
         self.queue = _Queue(points)
         self.job, self.ranks, self.interrupt, self.report, self.beat = job, ranks, interrupt, report, beat
         self.mean = 0.0  # seconds of a point, over the last hundred or so
-        self.worker = _Worker(job, 0, interrupt, self.count)
+        self.worker = _Worker(job, ranks, interrupt, self.count)
         self.working: set[int] = set()  # ranks that have a job and have not said goodbye
+        self.begun = False
+        self.hungry: list[int] = []  # ranks that wait for the next batch
+        self.rows: list[Record] = []  # of this batch
         self.heard: dict[int, float] = {}  # when each of them spoke last
 
     def run(self) -> str:
         try:
-            if self.queue and not self.interrupt:
-                self.worker.child.start()
-                self.tell_others("job", self.job)
-                self.first()
-            while self.working or self.worker.busy or (self.queue and not self.interrupt):
+            self.begin()
+            self.work(lambda: not self.working)
+        finally:
+            self.worker.close()
+        return self.interrupt.name
+
+    def batch(self, points: Sequence[Point | Order] | Orders) -> tuple[list[Record], str]:
+        """As ``run``, and everybody stays for the next batch."""
+        self.queue, self.rows = _Queue(points), []
+        self.begin()
+        hungry, self.hungry = self.hungry, []
+        for rank in hungry:
+            self.ranks.send(rank, ("points", self.chunk()))
+        self.work(lambda: len(self.rows) >= len(points) or bool(self.interrupt and not self.working))
+        return self.rows, self.interrupt.name
+
+    def part(self, failed: bool = False) -> None:
+        """There is no other batch, or something went wrong between two of them."""
+        try:
+            if failed:
+                self.interrupt.set("a failure")
+                self.call_off()
+                return
+            self.job = replace(self.job, batches=False)
+            for rank in self.hungry:
+                self.ranks.send(rank, ("points", []))
+            self.work(lambda: not self.working)
+        finally:
+            self.worker.close()
+
+    def begin(self) -> None:
+        """The first points start the children and the other ranks."""
+        if self.begun or not self.queue or self.interrupt:
+            return
+        self.begun = True
+        with self.failing():
+            self.worker.child.start()
+            self.tell_others("job", self.job)
+            self.first()
+
+    def work(self, ended: Callable[[], bool]) -> None:
+        with self.failing():
+            while not ended() or self.worker.busy or (self.queue and not self.interrupt):
                 if not self.worker.busy or (not self.worker.queue and 0 < self.mean < AHEAD):
                     self.feed()
                 self.turn(min(max(self.mean / 10, POLL), 25 * POLL) if self.working else 0.1)
                 if self.interrupt and self.working:
                     self.call_off()
+
+    @contextmanager
+    def failing(self) -> Iterator[None]:
+        """What goes wrong here is told to the others before it is raised."""
+        try:
+            yield
         except BaseException:
             self.interrupt.set("a failure")
-            self.call_off()
+            with suppress(Silent):  # the failure is what there is to say; ``hung`` keeps it in mind
+                self.call_off()
             raise
-        finally:
-            self.worker.close()
-        return self.interrupt.name
 
     def first(self) -> None:
         """The first point alone: it fills the compiler's cache, which the other children then read."""
@@ -388,6 +499,9 @@ class _Leader:
 
     def turn(self, timeout: float) -> None:
         self.worker.step(timeout)
+        if self.worker.kept:
+            self.rows += self.worker.kept
+            self.worker.kept.clear()
         self.listen()
         self.beat()
 
@@ -405,6 +519,10 @@ class _Leader:
             if kind == "done":
                 for done in content:
                     self.count(done)
+            elif kind == "rows":
+                self.rows += content
+            elif kind == "ask" and self.job.batches and not len(self.queue) and not self.interrupt:
+                self.hungry.append(rank)
             elif kind == "ask":
                 self.ranks.send(rank, ("points", self.chunk()))
             elif kind == "interrupted":
@@ -417,7 +535,11 @@ class _Leader:
         oldest = min((self.heard[rank] for rank in self.working), default=time.monotonic())
         if time.monotonic() - oldest > self.job.silence:
             silent = sorted(rank for rank in self.working if self.heard[rank] == oldest)
-            raise Silent(f"rank {silent[0]} has been silent for {self.job.silence:.0f} s: it is dead or hangs")
+            raise self.silent(silent[0], f"has been silent for {self.job.silence:.0f} s")
+
+    def silent(self, rank: int, how: str) -> Silent:
+        self.ranks.hung = True
+        return Silent(f"rank {rank} {how}: it is dead or hangs")
 
     def chunk(self) -> Sequence[Point | Order] | Orders:
         """As many points as last for a while; fewer near the end, so that nobody is left with the last ones."""
@@ -436,7 +558,9 @@ class _Leader:
                 break
             except Exception:
                 continue
-        self.working.clear()
+        deaf, self.working = sorted(self.working), set()
+        if deaf:
+            raise self.silent(deaf[0], "did not end when it was told to")
 
 
 class Silent(CannotRun):
@@ -482,7 +606,7 @@ class _Follower:
 
     def __init__(self, job: Job, ranks: World, interrupt: Interrupt) -> None:
         self.ranks, self.interrupt = ranks, interrupt
-        self.worker = _Worker(job, ranks.rank, interrupt, self.note)
+        self.worker = _Worker(job, ranks, interrupt, self.note)
         self.news: Counter[tuple[str, str]] = Counter()  # rows that rank 0 has not heard of
         self.seconds: defaultdict[tuple[str, str], float] = defaultdict(float)
         self.told = time.monotonic()
@@ -520,8 +644,13 @@ class _Follower:
     def tell(self, last: bool = False) -> None:
         """Send what was done, or a sign of life, now and then."""
         every = NEWS * max(1.0, self.ranks.size / 256) if self.news else ALIVE
+        if self.worker.kept and not self.worker.busy:
+            every = 0.0  # the next batch waits for these rows
         if last or time.monotonic() - self.told > every:
             self.told = time.monotonic()
+            if self.worker.kept:
+                self.ranks.send(0, ("rows", list(self.worker.kept)))
+                self.worker.kept.clear()
             rows = [Done(*pair, self.seconds[pair] / n, n) for pair, n in self.news.items()]
             self.ranks.send(0, ("done", rows))
             self.news.clear()
@@ -549,9 +678,9 @@ class _Follower:
                 self.worker.child.go()
 
 
-def dismiss(ranks: World, code: int, abort: bool = False) -> None:
-    """Rank 0's last word: every rank closes MPI and ends; ``abort`` where one of them does not answer."""
-    if abort and ranks.size > 1:
+def dismiss(ranks: World, code: int) -> None:
+    """Rank 0's last word: every rank closes MPI and ends, or is ended where one of them does not answer."""
+    if ranks.hung:
         ranks.abort(code)
     for rank in range(1, ranks.size):
         ranks.send(rank, ("quit", code))

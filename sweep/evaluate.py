@@ -82,6 +82,8 @@ def evaluate_with_series(point: Point, baselines: Sequence[str] | None = None) -
 
 
 def _guarded(point: Point) -> tuple[Record, Response | None]:
+    if point.problem:
+        return _failed(point, "IMPOSSIBLE", point.problem), None
     try:
         return _evaluate(point)
     except CannotRepresent as error:
@@ -240,7 +242,10 @@ def _evaluate(point: Point) -> tuple[Record, Response]:
 def _spreads(
     point: Point, response: Response, base: Summary | None, metrics: dict[str, float]
 ) -> dict[str, float]:
-    """Half the range of each objective over the run and its perturbed, trusted repetitions."""
+    """Half the range of each objective over the run and its perturbed, trusted repetitions, and their mean.
+
+    ``<metric>_ensemble`` is the mean, NaN where no repetition could be trusted: a single run's luck is no mean.
+    """
     settings: MetricSettings = point.settings
     stems = [split_name(name)[0] for name in settings.objectives]
     rows = [metrics]
@@ -255,6 +260,7 @@ def _spreads(
         # the settled response does not depend on the start: repeating it says nothing of its spread
         good = response.method != "harmonic" and len(rows) > 1 and bool(np.all(np.isfinite(values)))
         spreads[f"{name}_spread"] = float(np.ptp(values)) / 2 if good else NAN
+        spreads[f"{name}_ensemble"] = float(np.mean(values)) if len(rows) > 1 else NAN
     return spreads
 
 

@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import ast
+import copy
+import functools
 import math
 import operator
 import re
@@ -13,10 +15,11 @@ from pydantic import TypeAdapter
 
 from solvers import Scene
 
-from .mistakes import ABSENT, join, nearest
+from .mistakes import ABSENT, join, keys_of, nearest, schema_at
 
 SCENE: TypeAdapter[Any] = TypeAdapter(Scene)
 ASK = "ask."  # what begins the path of a field of the ask; the scene has no field of that name
+COUNT = "devices.count"  # no field of the scene: how many of its devices there are, the first ones
 _STEP = re.compile(r"(?:^|\.)([A-Za-z_]\w*)|\[(\d+)\]")
 
 
@@ -95,13 +98,64 @@ def dump(scene: Scene) -> dict[str, Any]:
     return SCENE.dump_python(scene, mode="json")
 
 
+def place(tree: dict[str, Any], values: Mapping[str, Any], strict: bool = True) -> None:
+    """Set values at paths of a dumped scene or ask, whole parts before what is inside them.
+
+    A mapping is laid over what stands there: fields that it does not give stay, as far as a part of its `kind` has
+    them. Nothing (None) in place of a device takes it away, and ``devices.count`` keeps the first devices. A path into
+    a part that one of the values has made another, or taken away, is idle.
+
+    Raises FieldError for any other path that leads nowhere; not strict leaves such paths out.
+    """
+    whole: list[tuple[str | int, ...]] = []
+    for path, parts in sorted(((path, parse(path)) for path in values if path != COUNT), key=lambda item: len(item[1])):
+        try:
+            lookup(tree, path)
+        except FieldError:
+            if strict and not any(parts[: len(outer)] == outer for outer in whole):
+                raise
+            continue
+        if isinstance(values[path], Mapping):
+            _lay(tree, path, values[path])
+        else:
+            assign(tree, path, values[path])
+        whole.append(parts)
+    if isinstance(tree.get("devices"), list):
+        count = values.get(COUNT)
+        first = tree["devices"][: None if count is None else int(count)]
+        tree["devices"] = [device for device in first if device is not None]
+
+
+def _lay(tree: Any, path: str, value: Mapping[str, Any]) -> None:
+    """Lay a mapping over a part of a dumped scene."""
+    *head, last = parts = parse(path)
+    here = tree
+    for part in head:
+        here = here[part]
+    kept = here[last] if isinstance(here[last], Mapping) else {}
+    here[last] = {**kept, **value}
+    allowed = keys_of(schema_at(_schema(), parts, tree))
+    here[last] = {key: item for key, item in here[last].items() if key in value or not allowed or key in allowed}
+
+
+def kind_has(tree: Any, path: str, value: Mapping[str, Any], inner: str | int) -> bool:
+    """Whether a part of a scene, once a mapping is laid over it, has a field."""
+    tree = copy.deepcopy(tree)
+    _lay(tree, path, value)
+    return inner in keys_of(schema_at(_schema(), parse(path), tree))
+
+
+@functools.cache
+def _schema() -> dict[str, Any]:
+    return SCENE.json_schema()
+
+
 def bind(scene: Scene, values: Mapping[str, Any]) -> Scene:
-    """The scene with values set at field paths, validated."""
+    """The scene with values set at field paths (:func:`place`), validated."""
     if not values:
         return scene
     tree = dump(scene)
-    for path, value in values.items():
-        assign(tree, path, value)
+    place(tree, values)
     return SCENE.validate_python(tree)
 
 
@@ -199,4 +253,16 @@ class Expression:
         return names[ast.unparse(node)]
 
 
-__all__ = ["ABSENT", "Expression", "FieldError", "apart", "assign", "bind", "deep_merge", "dump", "lookup", "parse"]
+__all__ = [
+    "ABSENT",
+    "Expression",
+    "FieldError",
+    "apart",
+    "assign",
+    "bind",
+    "deep_merge",
+    "dump",
+    "lookup",
+    "parse",
+    "place",
+]

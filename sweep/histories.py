@@ -47,16 +47,16 @@ def _needs(series: xr.Dataset, *names: str) -> None:
         raise ValueError(f"these series hold no {', '.join(missing)}")
 
 
-def _base_label(series: xr.Dataset) -> str:
+def base_label(series: xr.Dataset) -> str:
     name = str(series.attrs.get("baseline", ""))
     return f"baseline `{name}`: {BASELINES[name]}" if name in BASELINES else "baseline"
 
 
-def _design_label(series: xr.Dataset) -> str:
+def design_label(series: xr.Dataset) -> str:
     return "with devices" if int(series.attrs.get("devices", 1)) else "the design, without devices"
 
 
-def _title(series: xr.Dataset) -> str:
+def title(series: xr.Dataset) -> str:
     """Which point this is; an untrusted one says so."""
     parts = [f"design {series.attrs['design']}"] if "design" in series.attrs else []
     parts += [f"point {series.attrs['key']}"] if "key" in series.attrs else []
@@ -66,11 +66,11 @@ def _title(series: xr.Dataset) -> str:
     return ", ".join(parts)
 
 
-def _head(figure: Figure, series: xr.Dataset) -> None:
-    figure.suptitle(_title(series), x=0.01, ha="left", fontsize=10)
+def head(figure: Figure, series: xr.Dataset) -> None:
+    figure.suptitle(title(series), x=0.01, ha="left", fontsize=10)
 
 
-def _pulse(ax: Axes, series: xr.Dataset) -> None:
+def pulse(ax: Axes, series: xr.Dataset) -> None:
     """Shade the time in which the end is moved."""
     if float(series.attrs.get("pulse_end", 0.0)) > 0:
         ax.axvspan(0, float(series.attrs["pulse_end"]), color="0.93", linewidth=0, zorder=0)
@@ -99,7 +99,7 @@ def plot_history(series: xr.Dataset, figure: Figure | None = None, *, places: Se
     t = series["time"].values
     probe = float(series.attrs.get("probe", math.nan))
     for ax, s in zip(panels, chosen, strict=True):
-        _pulse(ax, series)
+        pulse(ax, series)
         if "baseline_displacement" in series:
             ax.plot(t, at(series, s, "baseline_displacement"), color=BASE, linewidth=1.5)
         ax.plot(t, at(series, s), color=DESIGN, linewidth=1.0)
@@ -109,10 +109,10 @@ def plot_history(series: xr.Dataset, figure: Figure | None = None, *, places: Se
     panels[-1].set_xlabel(label(series["time"], "time"))
     panels[-1].set_xlim(t[0], t[-1])
     figure.supylabel(label(series["displacement"], "transverse displacement"), fontsize=10)
-    _head(figure, series)
-    handles: list[Any] = [Line2D([], [], color=DESIGN, label=_design_label(series))]
+    head(figure, series)
+    handles: list[Any] = [Line2D([], [], color=DESIGN, label=design_label(series))]
     if "baseline_displacement" in series:
-        handles.append(Line2D([], [], color=BASE, linewidth=2, label=_base_label(series)))
+        handles.append(Line2D([], [], color=BASE, linewidth=2, label=base_label(series)))
     if float(series.attrs.get("pulse_end", 0)) > 0:
         handles.append(Patch(color="0.93", label="end moved"))
     figure.legend(handles=handles, loc="outside lower center", ncols=3)
@@ -121,12 +121,12 @@ def plot_history(series: xr.Dataset, figure: Figure | None = None, *, places: Se
 
 def plot_stroke(series: xr.Dataset, figure: Figure | None = None) -> Figure:
     """Offset of each device's mass from the cable, its rest positions and its cross-well jumps."""
-    moving = _moving(series)
+    moving = moving_devices(series)
     figure = draw_in(figure, (8.0, 1.75 * len(moving) + 1.0))
     panels = figure.subplots(len(moving), 1, sharex=True, squeeze=False)[:, 0]
     t = series["time"].values
     for ax, i in zip(panels, moving, strict=True):
-        _pulse(ax, series)
+        pulse(ax, series)
         y, y0 = series["stroke"].values[:, i], float(series["rest_offset"][i])
         at = t[series["jump"].values[:, i] > 0] if "jump" in series else np.zeros(0)
         ax.vlines(at, 0, 1, transform=ax.get_xaxis_transform(), color=BEST, linewidth=0.8, linestyles=(0, (4, 2)))
@@ -145,7 +145,7 @@ def plot_stroke(series: xr.Dataset, figure: Figure | None = None) -> Figure:
     panels[-1].set_xlim(t[0], t[-1])
     panels[-1].set_xlabel(label(series["time"], "time"))
     figure.supylabel(label(series["stroke"], "offset of the mass from the cable"), fontsize=10)
-    _head(figure, series)
+    head(figure, series)
     handles = [Line2D([], [], color=DESIGN, label="offset y")]
     if np.any(series["rest_offset"].values[moving] > 0):
         handles += [
@@ -156,7 +156,7 @@ def plot_stroke(series: xr.Dataset, figure: Figure | None = None) -> Figure:
     return figure
 
 
-def _moving(series: xr.Dataset) -> list[int]:
+def moving_devices(series: xr.Dataset) -> list[int]:
     stroke = series["stroke"].values if "stroke" in series else np.zeros((1, 0))
     found = [i for i in range(stroke.shape[1]) if np.ptp(stroke[:, i]) > 0]
     if not found:
@@ -168,7 +168,7 @@ def plot_envelope(series: xr.Dataset, ax: Axes | None = None) -> Axes:
     """Least and greatest transverse displacement along the cable."""
     _needs(series, "displacement", "arc")
     ax = draw_on(ax, (5.6, 6.4))
-    shapes = [("baseline_", BASE, _base_label(series), 0.35), ("", DESIGN, _design_label(series), 0.30)]
+    shapes = [("baseline_", BASE, base_label(series), 0.35), ("", DESIGN, design_label(series), 0.30)]
     for prefix, colour, text, alpha in shapes:
         if f"{prefix}displacement" not in series:
             continue
@@ -186,7 +186,7 @@ def plot_envelope(series: xr.Dataset, ax: Axes | None = None) -> Axes:
     ax.set_xlabel(label(series["displacement"], "transverse displacement, least and greatest"))
     ax.set_ylabel(label(series["arc"], "arc length from end A"))
     ax.set_ylim(float(series["arc"].min()), float(series["arc"].max()))
-    ax.set_title(_title(series))
+    ax.set_title(title(series))
     ax.legend(loc="upper center", bbox_to_anchor=(0.5, -0.11), ncols=1)
     return ax
 
@@ -197,7 +197,7 @@ def plot_gt(series: xr.Dataset, ax: Axes | None = None) -> Axes:
     ax = draw_on(ax)
     t = series["time"].values
     index = series["G"].values
-    ax.plot(t, index, color=DESIGN, label=f"G(t) against {_base_label(series)}")
+    ax.plot(t, index, color=DESIGN, label=f"G(t) against {base_label(series)}")
     if "share" in series:
         ax.plot(t, series["share"].values, color=FAIR, label=r"share of the design's own $\int x^2$ that is over")
     ax.axhline(0.9, color="0.4", linewidth=0.9, linestyle="dashed", label="0.9")
@@ -221,7 +221,7 @@ def plot_gt(series: xr.Dataset, ax: Axes | None = None) -> Axes:
     ax.set_ylim(low - 0.05 * (high - low), high + 0.05 * (high - low))
     ax.set_xlabel(label(series["time"], "time"))
     ax.set_ylabel(label(series["G"], "G, share"))
-    ax.set_title(_title(series))
+    ax.set_title(title(series))
     ax.legend(loc="upper left", bbox_to_anchor=(0, -0.16), ncols=1)
     return ax
 
@@ -264,9 +264,9 @@ def plot_energy(series: xr.Dataset, figure: Figure | None = None) -> Figure:
     bottom.set_title("balance: dashed lines bound what is trusted", fontsize=9, pad=2)
     bottom.set_xlabel(label(series["time"], "time"))
     bottom.set_xlim(t[0], t[-1])
-    top.set_title(_title(series))
+    top.set_title(title(series))
     for ax in (top, middle):
-        _pulse(ax, series)
+        pulse(ax, series)
         ax.legend(loc="upper left", bbox_to_anchor=(1.0, 1.0))
     return figure
 
@@ -298,9 +298,9 @@ def plot_wavelet(transform: xr.Dataset, figure: Figure | None = None) -> Figure:
         ax.set_xlim(t[0], t[-1])
         ax.set_ylabel(label(transform["frequency"]))
         which = (
-            _base_label(transform)
+            base_label(transform)
             if name.startswith("baseline")
-            else f"{_design_label(transform)} ({_title(transform)})"
+            else f"{design_label(transform)} ({title(transform)})"
         )
         ax.set_title(f"{which}, s = {transform.attrs['s']:.2f} m", fontsize=9, pad=3)
     panels[-1].set_xlabel(label(transform["time"], "time") + ";   outside the dashed lines the record's ends weigh in")
@@ -315,8 +315,8 @@ def plot_spectrum(spectra: xr.Dataset, ax: Axes | None = None) -> Axes:
     f = spectra["frequency"].values
     energy = np.zeros(len(f))
     looks = (
-        ("baseline_displacement", BASE, _base_label(spectra), 1.6),
-        ("displacement", DESIGN, _design_label(spectra), 1.1),
+        ("baseline_displacement", BASE, base_label(spectra), 1.6),
+        ("displacement", DESIGN, design_label(spectra), 1.1),
     )
     for name, colour, text, width in looks:
         if name in spectra:
@@ -335,7 +335,7 @@ def plot_spectrum(spectra: xr.Dataset, ax: Axes | None = None) -> Axes:
     ax.set_xlabel(label(spectra["frequency"]))
     ax.set_ylabel(label(spectra["displacement"]))
     ax.grid(alpha=0.25, linewidth=0.6)
-    ax.set_title(f"{_title(spectra)}, s = {spectra.attrs['s']:.2f} m".lstrip(", "))
+    ax.set_title(f"{title(spectra)}, s = {spectra.attrs['s']:.2f} m".lstrip(", "))
     ax.legend()
     return ax
 
@@ -373,9 +373,9 @@ def plot_orders(found: xr.Dataset, figure: Figure | None = None) -> Figure:
     panels[-1].set_xticks(order)
     base = 1 / float(found.attrs["period"])
     panels[-1].set_xlabel(f"{label(found['order'])}, {base:.4g} Hz")
-    _head(figure, found)
+    head(figure, found)
     if "baseline_displacement" in found and int(found.attrs.get("devices", 1)):
-        handles = [Patch(color=DESIGN, label=_design_label(found)), Patch(color=BASE, label=_base_label(found))]
+        handles = [Patch(color=DESIGN, label=design_label(found)), Patch(color=BASE, label=base_label(found))]
         figure.legend(handles=handles, loc="outside lower center", ncols=2)
     return figure
 
@@ -418,7 +418,7 @@ def plot_loop(found: xr.Dataset, ax: Axes | None = None) -> Axes:
     gap = ""
     if "gap" in found.attrs:
         gap = f"\nlargest gap of the two: {100 * found.attrs['gap']:.2g} % of the tension's range"
-    ax.set_title(f"{_title(found)}, period {found.attrs['period']:.4g} s".lstrip(", ") + gap)
+    ax.set_title(f"{title(found)}, period {found.attrs['period']:.4g} s".lstrip(", ") + gap)
     ax.legend(loc="upper center", bbox_to_anchor=(0.5, -0.13), ncols=1)
     return ax
 
@@ -558,7 +558,7 @@ def plot_profile(found: xr.Dataset, figure: Figure | None = None) -> Figure:
             for place, name in ((0, "A"), (-1, "B")):
                 where = (found[across].values[place], found[up].values[place])
                 ax.annotate(name, where, xytext=(0, 7), textcoords="offset points", ha="center", fontsize=9)
-    _head(figure, found)
+    head(figure, found)
     what = ", ".join(str(found.attrs[name]) for name in ("values", "model") if found.attrs.get(name))
     kinds = set(found["last_domain"].values.tolist()) if "last_domain" in found else {1.0}
     looks = [(ROD, 2.2, "rod" if "last_domain" in found else "line", 1), (CATENARY, 1.3, "catenary", 0)]
@@ -569,7 +569,7 @@ def plot_profile(found: xr.Dataset, figure: Figure | None = None) -> Figure:
     ]
     for k, prefix in enumerate(prefixes):
         colour, width = OVER[min(k, 3)]
-        text = _base_label(found) if prefix == "baseline_" else str(found.attrs.get(f"{prefix}label", ""))
+        text = base_label(found) if prefix == "baseline_" else str(found.attrs.get(f"{prefix}label", ""))
         handles.append(Line2D([], [], color=colour, linewidth=width, label=text))
     figure.legend(handles=handles, loc="outside lower center", ncols=2)
     return figure

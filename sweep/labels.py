@@ -89,6 +89,12 @@ def metric_label(name: str, better: tuple[str, str] = ACROSS, between: str = "  
     return f"{text}{between}{way}" if way else text
 
 
+def metric_unit(name: str) -> str:
+    """A metric's unit as it is read."""
+    metric = find_metric(name)
+    return "-" if metric is None else pretty_unit(metric.unit)
+
+
 def draw_in(figure: Figure | None, size: tuple[float, float]) -> Figure:
     """The given figure, or a new one, at this size [inch]."""
     if figure is None:

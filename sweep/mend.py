@@ -39,6 +39,8 @@ STAND_INS: dict[str, Any] = {  # objects that contradict nothing, where the requ
     "Table": {"t": [0.0, 1.0, 2.0, 3.0], "x": [[0.0, 0.0, 0.0]] * 4},
     "Variable": {"values": [1.0]},
     "Sampler": {"n": 1},
+    "Bound": {"max": 1.0},
+    "Fatigue": {"E": 1.0, "m": 1.0, "log_a": 1.0},
 }
 
 

@@ -20,10 +20,11 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from solvers import Response, Scene, Status
+from solvers import Response, Scene, Status, settled
 from solvers.scene import End, Section
 
 from .config import METRICS, Metric, MetricSettings
+from .fatigue import Limits, Wear, wear
 
 NAN = float("nan")
 LOSSES = ("device", "water", "cable", "seabed")
@@ -82,6 +83,9 @@ class Summary:
     jumps: np.ndarray  # (nd,) cross-well jumps of each device
     end: Profile = field(default_factory=lambda: Profile())  # at the window's end
     peaks: Peaks = field(default_factory=lambda: Peaks())
+    tension: float = NAN  # largest in the window [N]
+    limits: Limits = field(default_factory=Limits)
+    wear: Wear = field(default_factory=lambda: Wear())
 
     def integral(self, curve: np.ndarray, after: float = -math.inf) -> float:
         """Trapezoid of a curve over the window, or over its part after a time."""
@@ -154,7 +158,18 @@ def summarise(
         ),
         end=profile(response, inside.stop - 1),
         peaks=_peaks(response, inside),
+        tension=float(signals["tension"][inside].max(initial=-math.inf)),
+        limits=settings.limits or Limits(),
+        wear=_wear(response, scene, settings, inside),
     )
+
+
+def _wear(response: Response, scene: Scene, settings: MetricSettings, inside: slice) -> Wear:
+    if settings.fatigue is None:
+        return Wear()
+    period = settled.period(scene)[0] if response.method == "harmonic" else NAN
+    ends = (scene.end_a, scene.end_b)
+    return wear(response.t, response.signals, inside, scene.cable, ends, settings.fatigue, period)
 
 
 def profile(response: Response, at: int = -1) -> Profile:
@@ -359,13 +374,18 @@ Function = Callable[[Summary, Summary], Any]
 
 
 def metric(
-    unit: str, direction: str | None, definition: str, equation: str = "", per_device: bool = False
+    unit: str,
+    direction: str | None,
+    definition: str,
+    equation: str = "",
+    per_device: bool = False,
+    needs: str = "",
 ) -> Callable[[Function], Function]:
     """Enter the decorated function into METRICS under its own name."""
 
     def enter(function: Function) -> Function:
         name = function.__name__
-        METRICS[name] = Metric(name, unit, direction, definition, equation, function, per_device)
+        METRICS[name] = Metric(name, unit, direction, definition, equation, function, per_device, needs)
         return function
 
     return enter
@@ -636,6 +656,68 @@ def chaos(run: Summary, base: Summary) -> float:
 @metric("1", None, "share of the twins whose difference grew to a tenth of the motion; known with `uncertainty` alone")
 def chaos_saturated(run: Summary, base: Summary) -> float:
     return NAN
+
+
+# --------------------------------------------------------------------------- strength and fatigue
+
+
+@metric("1", "min", "largest tension of any segment in the window over the breaking load; NaN without "
+        "`metrics.limits.breaking_load`", needs="limits.breaking_load")  # fmt: skip
+def use_breaking_load(run: Summary, base: Summary) -> float:
+    return run.tension / (run.limits.breaking_load or NAN)
+
+
+@metric("1", "min", "largest curvature in the window times the minimum bend radius; NaN without "
+        "`metrics.limits.bend_radius`", needs="limits.bend_radius")  # fmt: skip
+def use_bend_radius(run: Summary, base: Summary) -> float:
+    return run.curvature * (run.limits.bend_radius or NAN)
+
+
+def _tires(unit: str, direction: str | None, definition: str) -> Callable[[Function], Function]:
+    return metric(unit, direction, f"{definition}; NaN without `metrics.fatigue`", needs="fatigue")
+
+
+@_tires("1", "min", "rainflow damage in the window (a settled response: its whole periods) at the worst fibre of the "
+        "worst node; half cycles count half")  # fmt: skip
+def fatigue_damage(run: Summary, base: Summary) -> float:
+    return run.wear.damage
+
+
+@_tires("1", "min", "fatigue_damage over that of the baseline, at the worst place of each")
+def fatigue_ratio(run: Summary, base: Summary) -> float:
+    return _ratio(run.wear.damage, base.wear.damage)
+
+
+@_tires("year", "max", "life at that damage, the window's motion all year round or `events_per_year` times; NaN "
+        "without damage")  # fmt: skip
+def fatigue_life(run: Summary, base: Summary) -> float:
+    return _ratio(1.0, run.wear.per_year)
+
+
+@_tires("1", "min", "design life times design factor over fatigue_life: above 1 the cable fails too early")
+def fatigue_use(run: Summary, base: Summary) -> float:
+    return run.wear.use
+
+
+@_tires("Pa", "min", "damage-equivalent stress range: at 1 Hz over the window it does the same damage")
+def fatigue_range(run: Summary, base: Summary) -> float:
+    return run.wear.span
+
+
+@_tires("1", None, "rainflow cycles in the window at the worst place")
+def fatigue_cycles(run: Summary, base: Summary) -> float:
+    return run.wear.cycles
+
+
+@_tires("m", None, "arc length of the worst place")
+def fatigue_s(run: Summary, base: Summary) -> float:
+    return run.wear.s
+
+
+@_tires("1", "min", "relative change of fatigue_damage where every other output is left out: small where the outputs "
+        "resolve the peaks")  # fmt: skip
+def fatigue_error(run: Summary, base: Summary) -> float:
+    return run.wear.gap
 
 
 # --------------------------------------------------------------------------- all of them

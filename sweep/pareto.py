@@ -2,13 +2,16 @@
 
 from __future__ import annotations
 
+import json
 from collections.abc import Sequence
+from typing import TYPE_CHECKING
 
 import numpy as np
-import xarray as xr
-from pymoo.util.nds.non_dominated_sorting import NonDominatedSorting
 
 from .config import AGGREGATES, bad_tail, find_metric, split_name
+
+if TYPE_CHECKING:  # it and pymoo take half a second that ranks do not need
+    import xarray as xr
 
 Z = 1.96  # differences below Z standard deviations are ties: 95 % of a normal distribution
 CRITERION = (
@@ -69,6 +72,8 @@ def column(dataset: xr.Dataset, name: str) -> xr.DataArray:
     if name in dataset and "environment" not in dataset[name].dims:
         return dataset[name]
     stem, said = split_name(name)
+    if said[:1] == ("ensemble",):
+        stem, said = f"{stem}_ensemble", said[1:]
     if not said and f"{stem}_mean" in dataset:
         return dataset[f"{stem}_mean"]
     if stem not in dataset or len(said) > 1 or not all(AGGREGATES.fullmatch(word) for word in said):
@@ -98,9 +103,35 @@ def costs(dataset: xr.Dataset, objectives: Sequence[str]) -> np.ndarray:
     )
 
 
+def excesses(dataset: xr.Dataset) -> dict[str, np.ndarray]:
+    """Each constraint of the study, as ``stroke <= 0.3``: (n,) by how much it is broken; at most 0 where it is kept.
+
+    With several environments the worst of them counts. NaN where there is no number.
+    """
+    found = {}
+    for name, bound in json.loads(dataset.attrs.get("constraints", "{}")).items():
+        for side, sign in (("min", -1.0), ("max", 1.0)):
+            if bound[side] is not None:
+                values = dataset[name] if name in dataset else (dataset["status"] == "OK") * np.nan
+                over = sign * (values - bound[side])
+                if "environment" in over.dims:
+                    over = over.max("environment", skipna=False)
+                found[f"{name} {'>=' if side == 'min' else '<='} {bound[side]:g}"] = over.to_numpy()
+    return found
+
+
+def allowed(dataset: xr.Dataset) -> np.ndarray:
+    """(n,) bool: every constraint of the study is kept; one without a number is not."""
+    kept = np.ones(len(trusted(dataset)), dtype=bool)
+    for over in excesses(dataset).values():
+        kept &= over <= 0
+    return kept
+
+
 def eligible(dataset: xr.Dataset, objectives: Sequence[str]) -> np.ndarray:
-    """Indices of points that may be on a front: trusted, every objective finite."""
-    return np.flatnonzero(trusted(dataset) & np.isfinite(costs(dataset, objectives)).all(axis=1))
+    """Indices of points that may be on a front: trusted, every objective finite, no constraint broken."""
+    finite = np.isfinite(costs(dataset, objectives)).all(axis=1)
+    return np.flatnonzero(trusted(dataset) & finite & allowed(dataset))
 
 
 def front(dataset: xr.Dataset, objectives: Sequence[str]) -> np.ndarray:
@@ -109,6 +140,8 @@ def front(dataset: xr.Dataset, objectives: Sequence[str]) -> np.ndarray:
     if not candidates.size:
         return candidates
     values = costs(dataset, objectives)[candidates]
+    from pymoo.util.nds.non_dominated_sorting import NonDominatedSorting
+
     first = NonDominatedSorting().do(values, only_non_dominated_front=True)
     return np.sort(candidates[np.asarray(first, dtype=int)])
 

@@ -7,13 +7,16 @@ for each design variable.
 
 from __future__ import annotations
 
+import errno
 import heapq
 import json
 import os
 import socket
+import time
 from array import array
+from collections import Counter
 from collections.abc import Iterator, Sequence
-from dataclasses import asdict, dataclass, field, fields
+from dataclasses import asdict, dataclass, field, fields, replace
 from pathlib import Path
 from typing import Any, TextIO
 
@@ -28,6 +31,7 @@ from .point import Order, Point
 from .space import baseline_model, baseline_scene, design_values, extremes, made, make_point, point_key
 
 FORMAT = 2
+READ_ATTEMPTS = 5  # of a plan that another node is replacing; network file systems close the old one
 MOST_BASELINES = 100  # that a plan lists
 
 
@@ -207,7 +211,12 @@ class Orders:
 
 def make_plan(study: Study, limit: int | None = None) -> Plan:
     """The plan of a study; ``limit`` takes its first designs. The same study gives the same plan."""
-    chosen = Designs(tuple(study.variables), design_values(study, limit))
+    return plan_of(study, design_values(study, limit))
+
+
+def plan_of(study: Study, table: np.ndarray) -> Plan:
+    """A plan of given designs, (n_design, n_variable) values of the study's variables."""
+    chosen = Designs(tuple(study.variables), table)
     name = study.settings.baseline
     numbers, bases = array("Q"), array("Q")
     for i, values in enumerate(chosen):
@@ -229,6 +238,24 @@ def make_plan(study: Study, limit: int | None = None) -> Plan:
         baselines=[{"name": name, "key": f"{found[i]:016x}", "points": int(shared[i])} for i in listed],
         different=len(found),
         costs=np.ones(len(numbers), dtype=np.float32),
+    )
+
+
+def joined(first: Plan, second: Plan) -> Plan:
+    """One plan of the designs of two plans of a study, those of the first before the others."""
+    shared: Counter[str] = Counter()
+    for plan in (first, second):
+        shared.update({base["key"]: base["points"] for base in plan.baselines})
+    name = second.settings["baseline"]
+    listed = [{"name": name, "key": key, "points": n} for key, n in shared.most_common(MOST_BASELINES)]
+    whole = max(first.different, second.different) <= MOST_BASELINES  # of which all are listed
+    return replace(
+        second,
+        designs=Designs(second.designs.names, np.vstack([first.designs.values, second.designs.values])),
+        keys=Keys(np.concatenate([first.keys.numbers, second.keys.numbers])),
+        baselines=listed,
+        different=len(shared) if whole else max(first.different, second.different),
+        costs=np.concatenate([first.costs, second.costs]),
     )
 
 
@@ -265,13 +292,21 @@ def _write(plan: Plan, file: TextIO) -> None:
 def read_plan(path: str | Path) -> Plan:
     """Read a plan; ConfigError where the file is not one."""
     path = Path(path)
-    try:
-        with path.open(encoding="utf-8") as file:
-            return _read(file)
-    except FileNotFoundError:
-        raise ConfigError([Mistake(str(path), ABSENT, "there is no such file")], str(path)) from None
-    except (OSError, ValueError, KeyError, TypeError, AttributeError, IndexError):
-        raise ConfigError([Mistake(str(path), ABSENT, "is not a plan of this version")], str(path)) from None
+    for attempt in range(READ_ATTEMPTS):
+        try:
+            with path.open(encoding="utf-8") as file:
+                return _read(file)
+        except FileNotFoundError:
+            why = "there is no such file"
+        except OSError as error:
+            if error.errno == errno.ESTALE and attempt < READ_ATTEMPTS - 1:  # replaced meanwhile on another node
+                time.sleep(0.2)
+                continue
+            why = f"cannot be read: {error.strerror or error}"
+        except (ValueError, KeyError, TypeError, AttributeError, IndexError):
+            why = "is not a plan of this version; remove it, and `sweep run` makes it anew"
+        break
+    raise ConfigError([Mistake(str(path), ABSENT, why)], str(path))
 
 
 def _read(file: TextIO) -> Plan:

@@ -26,6 +26,7 @@ from matplotlib.ticker import LogLocator, MaxNLocator
 from . import pareto
 from .across import across
 from .across_plot import plot_histories, plot_spectra
+from .flows import flow_of, modal_of, tired_of
 from .histories import (
     plot_energy,
     plot_envelope,
@@ -40,8 +41,31 @@ from .histories import (
     plot_stroke,
     plot_wavelet,
 )
-from .labels import BEST, DESIGN, MAP, STYLE, UP, WORDS, draw_in, draw_on, metric_label, variable_label
-from .series import chosen_key, force_laws, loop_of, profile_of, responses, series_of, spectrum_or_orders, wavelet
+from .labels import BEST, DESIGN, MAP, STYLE, UP, WORDS, draw_in, draw_on, metric_label, symbol, variable_label
+from .sensitivity import sensitivity_of
+from .series import (
+    chosen_key,
+    compared,
+    force_laws,
+    loop_of,
+    power,
+    profile_of,
+    responses,
+    series_of,
+    spectrum_or_orders,
+    stroke_wavelets,
+    wavelet,
+)
+from .signal_plots import (
+    plot_compared,
+    plot_fatigue,
+    plot_flow,
+    plot_modes,
+    plot_phase,
+    plot_power,
+    plot_sensitivity,
+    plot_stroke_wavelet,
+)
 from .store import open_study, outcome, write_whole
 
 # --------------------------------------------------------------------------- the points of a study
@@ -80,7 +104,7 @@ def points_of(dataset: xr.Dataset, objectives: Sequence[str] | None = None) -> P
         {name: pareto.column(dataset, name).values.astype(float) for name in names},
         dict(zip(names, _bars(dataset, names).T, strict=True)),
         {
-            str(name): coord
+            str(name): _numbered(coord)
             for name, coord in dataset.coords.items()
             if coord.dims == (index,) and name not in ("design", index)
         },
@@ -95,6 +119,13 @@ def points_of(dataset: xr.Dataset, objectives: Sequence[str] | None = None) -> P
     return found
 
 
+def _numbered(variable: xr.DataArray) -> xr.DataArray:
+    """A design variable as it is drawn: words by number, with what they mean in its name."""
+    if variable.dtype.kind in "fiu":
+        return variable
+    words, codes = np.unique(variable.values.astype(str), return_inverse=True)
+    meaning = ", ".join(f"{i} {word}" for i, word in enumerate(words))
+    return xr.DataArray(codes.astype(float), dims=variable.dims, name=f"{variable.name}: {meaning}")
 def _bars(dataset: xr.Dataset, names: Sequence[str]) -> np.ndarray:
     """(n, n_objective) error bars: standard uncertainties, or else half ranges over repeats; 0 or inf without one."""
     kinds = np.array(pareto.barred(dataset, names)) == "sd"
@@ -362,6 +393,34 @@ def plot_parallel(dataset: xr.Dataset, ax: Axes | None = None) -> Axes:
     return ax
 
 
+def plot_hypervolume(dataset: xr.Dataset, ax: Axes | None = None) -> Axes:
+    """Hypervolume of the front over the designs run, generation by generation of a search."""
+    ax = draw_on(ax)
+    shown = dataset.isel(generation=np.isfinite(dataset["hypervolume"].values))
+    if not shown.sizes["generation"]:
+        raise ValueError("no generation has a front yet")
+    x, y = shown["evaluations"].values, shown["hypervolume"].values
+    ax.plot(x, y, color=DESIGN, drawstyle="steps-post")
+    ax.plot(x, y, "o", color=DESIGN, markersize=4)
+    ax.annotate(f"{y[-1]:.4g}", (x[-1], y[-1]), xytext=(0, 6), textcoords="offset points", ha="right")
+    ax.set_xlim(0, x[-1] * 1.03)
+    ax.set_xlabel("designs run [-]")
+    point = ", ".join(f"{symbol(name)} = {value:.4g}" for name, value in json.loads(dataset.attrs["reference"]).items())
+    ax.set_ylabel("hypervolume [product of the objectives' units]")
+    ax.set_title(f"{dataset.attrs['algorithm']}, seed {dataset.attrs['seed']}; reference {point}")
+    ax.margins(y=0.1)
+    ax.grid(alpha=0.25, linewidth=0.6)
+    return ax
+
+
+def _hypervolume(directory: Path) -> xr.Dataset:
+    path = Path(directory) / "hypervolume.nc"
+    if not path.is_file():
+        raise ValueError("the folder is not of `sweep optimise`, or has no complete generation yet")
+    with xr.open_dataset(path, engine="netcdf4") as dataset:
+        return dataset.load()
+
+
 def _ticks(low: float, high: float, log: bool) -> list[float]:
     slack = 1e-9 * max(abs(low), abs(high))
     if log:
@@ -377,10 +436,11 @@ class Kind(NamedTuple):
     """A kind of figure: how it is drawn, from what, how large a single panel is, and what it shows."""
 
     draw: Callable[[xr.Dataset, Figure], Any]
-    data: Callable[..., xr.Dataset]  # of a folder; where `single`, of a point's key too; `profile`, of others over it
+    data: Callable[..., xr.Dataset]  # of a folder; where `single`, of a key too; where `over`, of other keys
     meaning: str
     dear: bool = False  # runs a study of its own, and so is not among `all`
     single: bool = False  # shows one point
+    over: bool = False  # may show others over it
 
 
 def _single(function: Callable[..., Axes], size: tuple[float, float]) -> Callable[[xr.Dataset, Figure], Axes]:
@@ -402,6 +462,9 @@ PLOTS: dict[str, Kind] = {
     "front": Kind(plot_front, open_study, "objectives against one another, coloured by a design variable"),
     "parallel": Kind(_single(plot_parallel, (10, 5)), open_study, "parallel coordinates of variables and objectives"),
     "ea": Kind(plot_ea, open_study, "each objective over each design variable"),
+    "hypervolume": Kind(
+        _single(plot_hypervolume, (7, 4.2)), _hypervolume, "of `sweep optimise`: hypervolume over the designs run"
+    ),
     "history": Kind(
         plot_history, _series, "displacement at stations along the cable, with and without devices", single=True
     ),
@@ -423,11 +486,35 @@ PLOTS: dict[str, Kind] = {
         "spectrum of the probe's displacement; of a periodic response the harmonics, those of the end tension too",
         single=True,
     ),
+    "power": Kind(
+        _single(plot_power, (7.2, 4.4)),
+        lambda d, key: power(_series(d, key)),
+        "power spectral density of the probe's displacement after the pulse (Welch)",
+        single=True,
+    ),
+    "stroke-wavelet": Kind(
+        plot_stroke_wavelet,
+        lambda d, key: stroke_wavelets(_series(d, key)),
+        "Morlet transform of each device's offset",
+        single=True,
+    ),
+    "phase": Kind(plot_phase, _series, "speed of each device's mass against its offset", single=True),
+    "compare": Kind(
+        _single(plot_compared, (8.0, 5.0)),
+        compared,
+        "the probe's displacement, with the baseline's and those of other points",
+        single=True,
+        over=True,
+    ),
+    "flow": Kind(plot_flow, flow_of, "energy of cable and devices, and what passes between them", single=True),
+    "modes": Kind(plot_modes, modal_of, "energy of the cable's modes, and its share at high frequencies", single=True),
+    "fatigue": Kind(plot_fatigue, tired_of, "fatigue damage along the cable, and its stress ranges", single=True),
     "profile": Kind(
         plot_profile,
         profile_of,
         "shape, tension, shear and bending moment along the line at its last time, over its baseline",
         single=True,
+        over=True,
     ),
     "loop": Kind(
         _single(plot_loop, (6.6, 6.2)),
@@ -448,6 +535,10 @@ PLOTS: dict[str, Kind] = {
     "spectra": Kind(
         plot_spectra, across, "its spectra in every environment: figure 13 (slow)", dear=True, single=True
     ),
+    "sensitivity": Kind(
+        plot_sensitivity, sensitivity_of, "sensitivity of the objectives to each variable (see `sweep sensitivity`)",
+        dear=True,
+    ),
     "force-law": Kind(plot_force_law, lambda d: force_laws(), "force of a sink: springs against cords"),
     "force-angle": Kind(
         _single(plot_force_angle, (6.6, 4.6)),
@@ -463,7 +554,7 @@ def save_plot(directory: str | Path, kind: str, key: str | None = None, over: Se
     Parameters
     ----------
     key : the point to show, by default the best; for figures of one point
-    over : keys of points to lay over it; for `profile`
+    over : keys of points to lay over it, for the kinds that can
 
     Raises
     ------
@@ -475,8 +566,9 @@ def save_plot(directory: str | Path, kind: str, key: str | None = None, over: Se
     entry, directory = PLOTS[kind], Path(directory)
     if key and not entry.single:
         raise ValueError("this figure shows the whole study, not one point")
-    if over and kind != "profile":
-        raise ValueError("only `profile` lays points over one another")
+    if over and not entry.over:
+        able = " and ".join(f"`{name}`" for name, other in PLOTS.items() if other.over)
+        raise ValueError(f"only {able} lay points over one another")
     more: list[Any] = [key or chosen_key(open_study(directory))] if entry.single else []
     data = entry.data(directory, *more, *([over] if over else []))
     with matplotlib.rc_context(STYLE):

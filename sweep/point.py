@@ -19,6 +19,7 @@ class Point:
     scene: Scene
     ask: Ask
     settings: Any  # sweep.config.MetricSettings: window, baseline, probe, ...
+    problem: str = ""  # why there can be no such scene, which then is the study's; the point is not run
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -39,7 +40,7 @@ class Record:
     design: int
     environment: int
     values: dict[str, float]
-    status: str  # solvers.Status name, or CRASHED, TIMEOUT, MEMORY, ERROR, BASELINE_FAILED
+    status: str  # solvers.Status name, or CRASHED, TIMEOUT, MEMORY, ERROR, IMPOSSIBLE, BASELINE_FAILED
     message: str = ""
     metrics: dict[str, float] = field(default_factory=dict)  # NaN (JSON null) where the run failed
     energy_residual: float = float("nan")

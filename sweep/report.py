@@ -3,25 +3,28 @@
 from __future__ import annotations
 
 import difflib
+import json
 import logging
 import re
 import time
 from collections import Counter
 from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
-import xarray as xr
 from rich.console import Console
 from rich.table import Table
 
 from .config import Study, find_metric, split_name
 from .distribute import Done
 from .locks import Holder
-from .pareto import barred, column, deviations
+from .pareto import allowed, barred, column, deviations, excesses, trusted
 from .plan import PilotRun, Plan
 from .store import Journal, outcome
+
+if TYPE_CHECKING:
+    import xarray as xr
 
 EVERY_SECONDS = 30.0, 600.0  # between two lines of the log: at first, and at most
 EVERY_SHARE = 0.05
@@ -92,12 +95,17 @@ class Progress:
 _NUMBER = re.compile(r"(?<![\w.])[-+]?\d+(?:\.\d+)?(?:[eE][-+]?\d+)?")
 
 
+def unnumbered(message: str) -> str:
+    """A message without its numbers."""
+    return _NUMBER.sub("#", message)
+
+
 def grouped(pairs: Iterable[tuple[str, str]]) -> list[tuple[int, str, str]]:
     """(count, status, message) of equal failures, most frequent first; numbers in messages are ignored."""
     counts: Counter[tuple[str, str]] = Counter()
     first: dict[tuple[str, str], str] = {}
     for (status, message), n in (pairs if isinstance(pairs, Counter) else Counter(pairs)).items():
-        group = (status, _NUMBER.sub("#", message))
+        group = (status, unnumbered(message))
         counts[group] += n
         first.setdefault(group, message)
     return [(count, group[0], first[group]) for group, count in counts.most_common()]
@@ -166,8 +174,10 @@ def front_table(
     console: Console,
 ) -> str:
     """The front by its first objective: key, design variables, objectives; the best point is marked."""
+    broken = broken_constraints(dataset)
     if not len(chosen):
-        return "no trusted points, and so no front: `sweep status` says why"
+        why = f"; {broken}" if broken else ""
+        return f"no trusted points that may be on a front, and so no front: `sweep status` says why{why}"
     index = "design" if "environment" in dataset.dims else "point"
     variables = [str(name) for name, c in dataset.coords.items() if c.dims == (index,) and name != "design"]
     columns = {name: column(dataset, name).values for name in objectives}
@@ -177,7 +187,8 @@ def front_table(
     rows = [
         (
             str(keys[i])[:12],
-            *(float(dataset[name].values[i]) for name in variables),
+            *(dataset[name].values[i].item() if dataset[name].dtype.kind == "f" else str(dataset[name].values[i])
+              for name in variables),
             *(
                 _with_bar(float(columns[name][i]), float(bars[i, j]), kind)
                 for j, (name, kind) in enumerate(zip(objectives, barred(dataset, objectives), strict=True))
@@ -188,7 +199,16 @@ def front_table(
     ]
     units = [f"{name} [{dataset[name].attrs.get('units', '?')}]" for name in variables]
     title = f"front: {len(rows)} of {dataset.sizes[index]} designs"
-    return table(title, ("key", *units, *objectives, ""), rows, console)
+    return table(title, ("key", *units, *objectives, ""), rows, console) + (f"\n{broken}" if broken else "")
+
+
+def broken_constraints(dataset: xr.Dataset) -> str:
+    """How many trusted points break which constraint, and so are on no front; nothing where none does."""
+    good = trusted(dataset)
+    counts = {name: int(np.count_nonzero(good & ~(over <= 0))) for name, over in excesses(dataset).items()}
+    said = ", ".join(f"{name} ({count})" for name, count in counts.items() if count)
+    total = int(np.count_nonzero(good & ~allowed(dataset)))
+    return f"left out: {total} trusted points that break {said}" if said else ""
 
 
 def _with_bar(value: float, sd: float, kind: str) -> str:
@@ -217,6 +237,22 @@ def ties_note(
     if any(kinds.values()):
         lines.append(f"{int(np.sum(tied))} of {len(tied)} points of the front are tied with a better one")
     return "\n".join(lines)
+
+
+def sensitivities(found: xr.Dataset, console: Console) -> str:
+    """A table of indices for each metric, and what they leave out."""
+    what = {"saltelli": "blocks", "morris": "trajectories", "given": "points"}[str(found.attrs["kind"])]
+    entries = [str(name) for name in found.data_vars if found[name].dims == ("metric", "variable")]
+    parts = []
+    for k, metric in enumerate(found["metric"].values):
+        here = found.isel(metric=k)
+        rows = [(str(v), *(float(here[e][j]) for e in entries)) for j, v in enumerate(found["variable"].values)]
+        used = f"{int(here['complete'])} of {int(here['blocks'])} {what}"
+        title = f"{metric}: {used} of a {found.attrs['sampler']} design"
+        parts.append(table(title, ("variable", *(e.replace("_conf", " ±") for e in entries)), rows, console))
+        parts += [f"  {sentence}" for sentence in json.loads(str(here["notes"].values))["notes"]]
+        parts.append("")
+    return "\n".join(parts).rstrip()
 
 
 def one_point(dataset: xr.Dataset, key: str, criterion: bool = False) -> str:
@@ -290,12 +326,18 @@ def about(entry: Any) -> str:
 
 def describe(study: Study, plan: Plan, pilots: Sequence[PilotRun]) -> str:
     """What would run, on what, and what it will cost; costs are those of the pilots on this machine."""
-    points = len(plan)
-    lines = [
+    points, search = len(plan), study.optimise
+    head = (
         f"{study.name}: {len(plan.designs)} designs in {len(plan.environments)} environment"
-        f"{'s' * (len(plan.environments) > 1)}, {points} points, {int(plan.keys.firsts().sum())} of them distinct",
+        f"{'s' * (len(plan.environments) > 1)}, {points} points, {int(plan.keys.firsts().sum())} of them distinct"
+    )
+    if study.sampler is None:
+        points = search.evaluations * len(plan.environments)
+        head = f"{study.name}: a search, {search.evaluations} designs by {search.algorithm}, {points} points"
+    lines = [
+        head,
         f"variables    {', '.join(study.variables) or 'none'}",
-        f"sampler      {study.sampler.kind}, seed {study.sampler.seed}",
+        f"sampler      {study.sampler.kind}, seed {study.sampler.seed}" if study.sampler else "sampler      none",
         f"objectives   {', '.join(study.objectives)}",
         f"baseline     {study.settings.baseline}, {plan.different} different",
         f"time limit   {duration(study.time_limit) if study.time_limit else 'none'} for a point",
@@ -373,14 +415,102 @@ def writers_table(journals: Sequence[Journal], live: Sequence[Holder], now: floa
 
 
 def charted(data: xr.Dataset, console: Console) -> str:
-    """The runs of a chart that are worth their seconds, and the cheapest for each accuracy."""
-    runs = data.to_dataframe()
+    """The runs of a chart that are worth their seconds, and what other programs need for the same errors."""
+    runs, chaotic = data.to_dataframe(), bool(data.attrs["chaotic"])
     best = runs[runs["envelope"].astype(bool)].sort_values("seconds")
-    columns = ("model", "method", "segments", "knob", "error", "estimated", "seconds")
-    numbers = ("segments", "knob", "error", "estimated_error", "seconds")
+    numbers = ("segments", "knob", "error", "standard_error" if chaotic else "estimated_error", "seconds")
+    columns = ("model", "method", "segments", "knob", "error", "standard error" if chaotic else "estimated", "seconds")
     rows = [(r["model"], r["method"], *(number(r[name]) for name in numbers)) for _, r in best.iterrows()]
-    kind = "chaotic: waveforms do not converge" if data.attrs["chaotic"] else f"{data.attrs['uncertainty']:.1e}"
+    kind = f"{data.attrs['uncertainty']:.1e}"
+    if chaotic:
+        kind = f"chaotic: waveforms do not converge, means of {data.attrs['ensemble']} perturbed runs are compared"
     head = f"reference  {data.attrs['reference']}\nuncertainty  {kind}"
+    title = "worth their seconds" + (f"; error: largest of {data.attrs['objectives']}" if chaotic else "")
+    parts = [head, table(title, columns, rows, console)]
     wrong = runs[(runs["status"] == "OK") & (runs["error"] > 3 * np.fmax(runs["estimated_error"], 0.05))]
-    said = f"{len(wrong)} trusted runs err by more than three times what they estimate" if len(wrong) else ""
-    return "\n".join(x for x in (head, table("worth their seconds", columns, rows, console), said) if x)
+    if len(wrong) and not chaotic:
+        parts.append(f"{len(wrong)} trusted runs err by more than three times what they estimate")
+    others = [_beside(rows, best) for _, rows in runs[runs["status"] == "UNCHECKED"].groupby("program")]
+    lines = [line for found in others for line in found]
+    if lines:
+        heads = ("program", "segments", "step", "error", "seconds", "ours at that error", "times cheaper")
+        parts.append(table("other programs, their best runs (no ledger: unchecked)", heads, lines, console))
+    parts.append(data.attrs.get("peers", ""))
+    return "\n".join(x for x in parts if x)
+
+
+def _beside(theirs: Any, ours: Any) -> list[tuple[Any, ...]]:
+    """The lower envelope of another program, each run beside our cheapest of at most its error."""
+    found, least = [], float("inf")
+    for _, run in theirs[np.isfinite(theirs["error"])].sort_values("seconds").iterrows():
+        if run["error"] >= least:
+            continue
+        least = run["error"]
+        good = ours[ours["error"] <= least]["seconds"]
+        cost = float(good.min()) if len(good) else float("nan")
+        words = (f"{cost:.3g}", f"{run['seconds'] / cost:.3g}") if len(good) else ("-", "-")
+        cells = (f"{run['segments']:.0f}", f"{run['knob']:.3g}", f"{run['error']:.3g}", f"{run['seconds']:.3g}")
+        found.append((run["program"], *cells, *words))
+    return found
+
+
+def audited(data: xr.Dataset, console: Console) -> str:
+    """What an audit says: who ran, each metric's disagreement, the order of the designs, who stays on the front."""
+    objectives = json.loads(data.attrs["objectives"])
+    dim = "design" if "environment" in data.dims else "point"
+    front, stays = data["on_front"].to_numpy(), data["stays"].to_numpy()
+    good = ((data["status"] == "OK") & (data["study_status"] == "OK")).to_numpy().reshape(len(front), -1)
+    lines = [
+        f"audited    {int(front.sum())} designs of the front and {int((~front).sum())} others, {good.size} points",
+        f"study      {_runs(data, 'study_')}",
+        f"audit      {_runs(data, '')}",
+        f"cost       {float(data['seconds'].sum()):.3g} s for {float(data['study_seconds'].sum()):.3g} s of the study",
+        f"trusted    {int(good.sum())} of {good.size} points in the audit too",
+    ]
+    status, message = data["status"].to_numpy().ravel(), data["message"].to_numpy().ravel()
+    bad = [(str(a), str(b)) for a, b in zip(status, message, strict=True) if a != "OK"]
+    lines += [f"    {count:6d}  {kind}: {why or 'no message'}" for count, kind, why in grouped(bad)[:8]]
+    left = good.all(axis=1) & front
+    lines.append(
+        f"front      {int((stays & left).sum())} of its {int(left.sum())} designs that the audit trusts stay on the "
+        f"front of the audited ones; {int((stays & ~front).sum())} of the others join it"
+    )
+    names = [str(name) for name in data["metric"].values]
+    stems = [re.sub(r"_(mean|worst)$", "", name) for name in objectives]
+    first = sorted(range(len(names)), key=lambda i: (stems.index(names[i]) if names[i] in stems else len(stems), i))
+    rows = [_disagreement(data.isel(metric=i), names[i]) for i in first if float(data["n"][i]) > 0]
+    columns = (
+        *("metric", "points", "rms", "of size", "largest", "deviation", "rms / it"),
+        *("error bar", "beyond it", "rank corr.", ""),
+    )
+    lines += ["", table("disagreement, audit less study", columns, rows, console)]
+    lines.append(
+        "deviation: standard deviation over the study's trusted points. error bar: sum of both spreads over perturbed "
+        "runs" + ("" if np.isfinite(data["error_bar"]).any() else ", of which this study has none (`repeats`)") + "."
+    )
+    ties = data.sizes[dim] - int(np.count_nonzero(good.all(axis=1)))
+    return "\n".join(lines + ([f"{ties} designs say nothing: one of their points is not trusted"] if ties else []))
+
+
+def _runs(data: xr.Dataset, who: str) -> str:
+    """The models, methods and meshes of some rows."""
+    columns = [data[f"{who}{name}"].to_numpy().ravel() for name in ("model", "method", "segments")]
+    found = Counter(zip(*columns, strict=True)).most_common(4)
+    return "; ".join(f"{model} by {method}, {n} segments ({count})" for (model, method, n), count in found)
+
+
+def _disagreement(row: xr.Dataset, name: str) -> tuple[Any, ...]:
+    """A metric's line, with a verdict: beyond its error bar, or as large as what the designs differ by."""
+    keys = ("n", "rms", "size", "largest", "deviation", "error_bar", "beyond", "rank_correlation")
+    n, rms, size, largest, deviation, bar, beyond, rank = (float(row[key]) for key in keys)
+    words = []
+    if beyond > 0:
+        words.append("beyond its error bar")
+    if rms > max(deviation, 1e-9 * size):  # and not rounding alone
+        words.append("exceeds the designs' spread")
+    if only := int(row["one_only"]):
+        words.append(f"{only} points have a number in one run only")
+    share = rms / deviation if deviation > 0 else float("nan")
+    shown = [f"{x:.3g}" if np.isfinite(x) else "-" for x in (largest, deviation, share, bar, beyond, rank)]
+    part = f"{rms / size:.2%}" if size > 0 else "-"
+    return name, f"{n:.0f}", f"{rms:.3g}", part, *shown, ", ".join(words)

@@ -24,21 +24,22 @@ from solvers import CACHE, SOURCE_HASH
 
 from . import distribute, locks
 from .config import Study
-from .plan import Orders, Plan, read_plan
+from .plan import Orders, Plan
 from .point import Record
-from .report import Progress
+from .report import Progress, unnumbered
 from .resolve import resolve
 from .store import (
     Replay,
     StoreError,
+    contents,
     job_name,
+    jobs_begun,
     merge,
     outcome,
     prepare,
     read_records,
     same_version,
     settle,
-    study_of,
 )
 from .supervise import CannotRun
 
@@ -108,26 +109,34 @@ def _git_state() -> dict[str, Any]:
 
 
 def to_do(business: np.ndarray, replay: Replay, retry: frozenset[str] = frozenset()) -> np.ndarray:
-    """Those of the places that have no final row."""
-    again = [name == "MISSING" or outcome(name) in retry or name.lower() in retry for name in replay.names]
-    return business[np.array(again)[replay.status[business]]]
+    """Those of the places that have no final row; a job that was requeued retries none of its own rows."""
+    status = replay.status[business]
+    again = np.array([outcome(name) in retry or name.lower() in retry for name in replay.names])[status]
+    if restarts() and job_name() in replay.began:
+        again &= replay.turns[business] < replay.began[job_name()]
+    return business[again | (status == 0)]
 
 
 def run(study: Study, settings: Settings, ranks: distribute.World | None = None) -> Outcome:
     """Run what is not done yet; rank 0 calls this while the other ranks ``distribute.serve``."""
-    ranks = ranks or distribute.Alone()
+    with distribute.interruptible() as interrupt:
+        return _run(study, settings, ranks or distribute.Alone(), interrupt)
+
+
+def _run(study: Study, settings: Settings, ranks: distribute.World, interrupt: distribute.Interrupt) -> Outcome:
     directory = settings.directory
+    begun(directory)
     study = resolve(study, directory)[0]
     header = provenance(study)
     part = "" if settings.part is None else f"part{settings.part[0]}of{settings.part[1]}"
-    lock = locks.acquire(directory, part, header["study"])
+    lock = locks.acquire(directory, part, lock_digest(header, settings))
     try:
         clean_caches()
         plan = prepare(study, directory, settings.limit)
         replay = Replay(directory, plan.keys)
         if not settings.any_version:
             same_version(directory, header["solver"], replay.headers)
-        _fruitful(replay, part)
+        fruitful(replay, part)
         mine = _business(plan, settings)
         left = to_do(mine, replay, settings.retry)
         before, turn = len(mine) - len(left), replay.turn + 1
@@ -143,11 +152,11 @@ def run(study: Study, settings: Settings, ranks: distribute.World | None = None)
             def beat() -> None:
                 progress.beat()
                 if lock.lost:
-                    raise StoreError(f"{lock.path} was taken by another run: this one stops")
+                    raise StoreError(f"{lock.path} was removed, or taken by another run: this one stops")
 
             orders = Orders.of(plan, left[dearest])
             del dearest, left
-            interrupted = distribute.map_points(orders, job, ranks, progress.report, beat)
+            interrupted = distribute.map_points(orders, job, ranks, progress.report, beat, interrupt)
             log.info("%s", progress.line())
         replay = Replay(directory, plan.keys)
         # whichever slice ends last makes the file: a merge job that depends on requeued tasks may come too early
@@ -188,19 +197,43 @@ def _business(plan: Plan, settings: Settings) -> np.ndarray:
     return places[places < end]
 
 
-def _fruitful(replay: Replay, part: str) -> None:
-    """Refuse to requeue for ever a job whose turns end before any of its points does."""
+def restarts() -> int:
+    """How often SLURM has started this job again."""
+    text = os.environ.get("SLURM_RESTART_COUNT", "0")
+    return int(text) if text.isdigit() else 0
+
+
+def lock_digest(header: Mapping[str, Any], settings: Settings) -> str:
+    """What slices must agree on to work side by side: the study, and how much of it is planned."""
+    if settings.limit is None:
+        return str(header["study"])
+    return hashlib.sha256(f"{header['study']} {settings.limit}".encode()).hexdigest()[:16]
+
+
+def fruitful(replay: Replay, part: str) -> None:
+    """Refuse to requeue for ever a job whose turns end before any of its points does, or before it begins."""
     mine = [journal for journal in replay.journals if journal.writer.rpartition("-")[0] == part]
-    requeued = os.environ.get("SLURM_RESTART_COUNT", "0") != "0"
-    if requeued and mine and min(journal.starts for journal in mine) >= FRUITLESS:
+    since = max((journal.fruitful for journal in mine), default=0)  # journals of ranks there were once stand still
+    since = max(since, replay.began.get(job_name(), 1) - 1)
+    if restarts() and len({turn for journal in mine for turn in journal.idle if turn > since}) >= FRUITLESS:
         raise CannotRun(
             f"job {job_name()}: {FRUITLESS} turns in a row ended before any point did. Points take longer than the "
             "job's time limit: raise --time, or set a `time_limit` in the study, and submit again."
         )
 
 
+def begun(directory: Path) -> None:
+    """Refuse to requeue for ever a job that never comes so far as to write: its launcher fails, or there is no room."""
+    if restarts() >= FRUITLESS and job_name() not in jobs_begun(directory):
+        raise CannotRun(
+            f"job {job_name()} was started {restarts() + 1} times and never began to write: put right what its log "
+            "says (a full disk, `launch` or `setup` of site.yaml), and submit again."
+        )
+
+
 def tally(replay: Replay, places: np.ndarray) -> Counter[tuple[str, str]]:
-    """(status, message) of the places, counted; messages of points that are not trusted only."""
+    """(status, message) of the places, counted; messages of points that are not trusted only, equal but for numbers
+    the first of them: a million failures may each name a time of their own."""
     codes, counts = np.unique(replay.status[places], return_counts=True)
     groups = Counter(
         {
@@ -210,8 +243,10 @@ def tally(replay: Replay, places: np.ndarray) -> Counter[tuple[str, str]]:
         }
     )
     told = np.array([outcome(name) in ("failed", "untrusted") for name in replay.names])
+    first: dict[tuple[str, str], str] = {}
     for record in replay.records(places[told[replay.status[places]]]):
-        groups[record.status, record.message] += 1
+        message = first.setdefault((record.status, unnumbered(record.message)), record.message)
+        groups[record.status, message] += 1
     return groups
 
 
@@ -231,8 +266,7 @@ def clean_caches(days: float = OLD_CACHE) -> list[Path]:
 
 def rerun(directory: Path, key: str) -> tuple[Record, Record | None]:
     """Evaluate a point of a folder again, and give the new row and the stored one."""
-    study = study_of(directory)
-    plan = read_plan(Path(directory) / "plan.json")
+    study, plan = contents(directory)
     point = plan.point(study, plan.keys.index(key))
     job = distribute.Job(time_limit=study.time_limit, memory_limit=study.memory_limit)
     return distribute.evaluate_alone(point, job), settle(read_records(directory)).get(key)

@@ -1,8 +1,8 @@
 """Histories of one point, made ready for figures: rerun with its baseline, reduced, kept in DIR/series/<key>.nc.
 
 Symbols: x displacement normal to the static tangent, in the plane of the motion; G(t) eq. (3.3) of paper 003 with
-the square; omega_c the Morlet wavelet's centre; T the period of a scene's motion. Fourier and wavelet transforms and
-the force laws of figures 2b and 3 are here too, as datasets, because figures compute nothing. So are periodic
+the square; T the period of a scene's motion. Spectra and wavelet transforms (of `signals`) and the force laws of
+figures 2b and 3 are here too, as datasets, because figures compute nothing. So are periodic
 responses: their harmonics, a loop of tension against displacement, and how they depend on a design variable.
 """
 
@@ -32,10 +32,10 @@ from .metrics import LEDGER, LOSSES, along, count_jumps, end_pull, off_plane
 from .pareto import best
 from .plan import Plan, read_plan
 from .point import Point, Record
+from .signals import cone, density, morlet
 from .space import design_scene
 from .store import StoreError, open_study, outcome, study_of, write_whole
 
-CENTRE = 6.0  # omega_c of the Morlet wavelet: about six oscillations under its bell
 PAPER_SINK = {"k": 2e4, "half_span": 0.05}  # of paper 003's figures 2b and 3 [N/m], [m]
 MOST_ORDERS = 15  # harmonics that a figure shows
 PER_PERIOD = 400  # samples of a loop
@@ -78,10 +78,10 @@ def series_of(directory: str | Path, key: str) -> xr.Dataset:
             raise ValueError(f"the run of {key} leaves no history: {record.status}, {record.message}")
         return reduce(raw, point, record)
 
-    return _of_point(Path(directory), key, key, made)
+    return of_point(Path(directory), key, key, made)
 
 
-def _of_point(directory: Path, key: str, name: str, make: Callable[[Point], xr.Dataset]) -> xr.Dataset:
+def of_point(directory: Path, key: str, name: str, make: Callable[[Point], xr.Dataset]) -> xr.Dataset:
     """What `make` makes of a point, kept under a name; with the point's key, design and environment."""
 
     def made() -> xr.Dataset:
@@ -336,61 +336,91 @@ def _uniform(probe: xr.Dataset) -> tuple[np.ndarray, float]:
 
 def spectrum(series: xr.Dataset) -> xr.Dataset:
     """Amplitude |X(f)| of the displacement at the probe: one-sided FFT of the whole run, times 2/n."""
-    probe = _at_probe(series)
-    t, dt = _uniform(probe)
-    about = {"units": "m", "long_name": "amplitude of the displacement"}
+    return _amplitudes(_at_probe(series), "displacement")
+
+
+def _amplitudes(signals: xr.Dataset, what: str) -> xr.Dataset:
+    t, dt = _uniform(signals)
+    about = {"units": "m", "long_name": f"amplitude of the {what}"}
     data = {
         str(name): ("frequency", 2 / len(t) * np.abs(np.fft.rfft(x.values - x.values.mean())), about)
-        for name, x in probe.data_vars.items()
+        for name, x in signals.data_vars.items()
     }
     axis = ("frequency", np.fft.rfftfreq(len(t), dt), {"units": "Hz", "long_name": "frequency"})
-    return xr.Dataset(data, coords={"frequency": axis}, attrs=probe.attrs)
+    return xr.Dataset(data, coords={"frequency": axis}, attrs=signals.attrs)
 
 
 def wavelet(series: xr.Dataset, lines: int = 120, columns: int = 600) -> xr.Dataset:
     """Modulus of the Morlet transform of the displacement at the probe, from 3/T to where its energy ends."""
-    probe = _at_probe(series)
-    t, dt = _uniform(probe)
-    amplitudes = spectrum(series)
+    return _transformed(_at_probe(series), "displacement", lines, columns)
+
+
+def stroke_wavelets(series: xr.Dataset, lines: int = 120, columns: int = 600) -> xr.Dataset:
+    """As :func:`wavelet`, of the offset of each device that moves, about its mean (paper 003, figure 11)."""
+    strokes = series["stroke"].values if "stroke" in series else np.zeros((2, 0))
+    moving = [i for i in range(strokes.shape[1]) if np.ptp(strokes[:, i]) > 0]
+    if not moving:
+        raise ValueError("no device of this design moves relative to the cable")
+    data = {f"stroke_{i + 1}": ("time", strokes[:, i] - strokes[:, i].mean()) for i in moving}
+    made = xr.Dataset(data, coords={"time": series["time"]}, attrs=series.attrs)
+    kinds = series["device_kind"].values if "device_kind" in series else [""] * strokes.shape[1]
+    found = _transformed(made, "offset", lines, columns)
+    for i in moving:
+        found[f"stroke_{i + 1}"].attrs["which"] = f"device {i + 1} ({kinds[i]})"
+    return found
+
+
+def _transformed(signals: xr.Dataset, what: str, lines: int, columns: int) -> xr.Dataset:
+    t, dt = _uniform(signals)
+    amplitudes = _amplitudes(signals, what)
     energy = sum((amplitudes[name].values ** 2 for name in amplitudes.data_vars), np.zeros(1))
     share = np.cumsum(energy) / max(float(energy.sum()), 1e-300)
     lowest = 3 / float(t[-1] - t[0])
     top = 1.5 * float(amplitudes["frequency"].values[np.searchsorted(share, 0.999).clip(0, len(share) - 1)])
     f = np.geomspace(lowest, min(max(top, 10 * lowest), 0.5 / dt), lines)
     every = max(1, math.ceil(len(t) / columns))
-    about = {"units": "m s^0.5", "long_name": "modulus of the Morlet transform of the displacement"}
+    about = {"units": "m s^0.5", "long_name": f"modulus of the Morlet transform of the {what}"}
     data: dict[str, Any] = {
-        str(name): (("frequency", "time"), np.abs(morlet(x.values, dt, f))[:, ::every], about)
-        for name, x in probe.data_vars.items()
+        str(name): (("frequency", "time"), np.abs(morlet(x.values, dt, f))[:, ::every], dict(about))
+        for name, x in signals.data_vars.items()
     }
     axis = ("frequency", f, {"units": "Hz", "long_name": "frequency"})
-    data["edge"] = ("frequency", math.sqrt(2) * CENTRE / (2 * math.pi * f), {"units": "s", "long_name": "reach"})
-    times = ("time", t[::every], probe["time"].attrs)
-    return xr.Dataset(data, coords={"frequency": axis, "time": times}, attrs=probe.attrs)
+    data["edge"] = ("frequency", cone(f), {"units": "s", "long_name": "reach of the record's ends"})
+    times = ("time", t[::every], signals["time"].attrs)
+    return xr.Dataset(data, coords={"frequency": axis, "time": times}, attrs=signals.attrs)
 
 
-def morlet(x: np.ndarray, dt: float, frequency: np.ndarray) -> np.ndarray:
-    """X(omega, t) = sqrt(omega/omega_c) int x(s) conj(psi((s - t) omega/omega_c)) ds, eq. (3.6) made a wavelet.
+def power(series: xr.Dataset) -> xr.Dataset:
+    """Power spectral density (Welch) of the displacement at the probe, after the pulse where half a second is left."""
+    probe = _at_probe(series)
+    t, dt = _uniform(probe)
+    start = float(series.attrs.get("pulse_end", 0.0))
+    start = start if t[-1] - start >= max(0.5, 64 * dt) else float(t[0])
+    after = t >= start - 1e-9
+    about = {"units": "m2/Hz", "long_name": "power spectral density of the displacement"}
+    data, f = {}, np.zeros(0)
+    for name, x in probe.data_vars.items():
+        f, p = density(x.values[after], dt)
+        data[str(name)] = ("frequency", p, about)
+    axis = ("frequency", f, {"units": "Hz", "long_name": "frequency"})
+    return xr.Dataset(data, coords={"frequency": axis}, attrs=probe.attrs | {"start": start})
 
-    psi(tau) = pi^-1/4 exp(i omega_c tau - tau^2/2). Zeros outside the record.
 
-    Parameters
-    ----------
-    x : (nt,) samples, dt apart
-    frequency : (nf,) [Hz]
+def compared(directory: str | Path, key: str, over: Sequence[str] = ()) -> xr.Dataset:
+    """Displacement at the probe of a point, of its baseline and of other points (paper 003, figure 12).
 
     Returns
     -------
-    (nf, nt) complex, unit of x times s^0.5
+    dataset with ``displacement``, ``baseline_displacement`` (time), and ``over1_displacement`` (over1_time) and so on,
+    each named by its ``which``
     """
-    n = 1 << (2 * len(x) - 1).bit_length()
-    spectrum_of_x = np.fft.fft(x, n)
-    omega = 2 * np.pi * np.fft.fftfreq(n, dt)
-    found = np.empty((len(frequency), len(x)), dtype=complex)
-    for i, f in enumerate(frequency):
-        scale = CENTRE / (2 * np.pi * f)
-        bell = np.pi**-0.25 * math.sqrt(2 * np.pi) * np.exp(-0.5 * (scale * omega - CENTRE) ** 2)
-        found[i] = np.fft.ifft(spectrum_of_x * math.sqrt(scale) * bell)[: len(x)]
+    series = series_of(directory, key)
+    found = _at_probe(series)
+    found["displacement"].attrs |= {"units": "m", "which": point_label(series)}
+    for i, other in enumerate(over, 1):
+        theirs = series_of(directory, other)
+        probe = _at_probe(theirs)["displacement"].rename(time=f"over{i}_time")
+        found[f"over{i}_displacement"] = probe.assign_attrs(units="m", which=point_label(theirs))
     return found
 
 
@@ -458,7 +488,7 @@ def loop_of(directory: str | Path, key: str) -> xr.Dataset:
     ValueError
         Where the motion has no period, or neither run gives one.
     """
-    return _of_point(Path(directory), key, f"{key}_loop", loop)
+    return of_point(Path(directory), key, f"{key}_loop", loop)
 
 
 def loop(point: Point) -> xr.Dataset:

@@ -8,28 +8,33 @@ import itertools
 import json
 import math
 import warnings
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import asdict, replace
+from importlib.util import find_spec
 from typing import Any
 
 import numpy as np
-from pydantic import TypeAdapter
+from pydantic import TypeAdapter, ValidationError
 
 from solvers import Ask, PointMass, Scene, Section
 
-from .config import AskSection, ConfigError, MetricSettings, Study
+from .config import DESIGN_QUANTITIES, AskSection, ConfigError, MetricSettings, Sampler, Study
 from .fields import apart, assign, bind, dump
 from .mend import plain
 from .mistakes import ABSENT, Mistake
 from .point import Order, Point
+
+BLOCKS = {"saltelli": 2, "morris": 1}  # designs of a block beyond one for each variable
+LEVELS = 4  # values of each variable in Morris's design
 
 # --------------------------------------------------------------------------- designs
 
 
 def design_values(study: Study, limit: int | None = None) -> np.ndarray:
     """(n_design, n_variable) values of the design variables; ``limit`` takes the first designs."""
-    if study.sampler.kind == "given":
-        return np.array([study.sampler.values[key] for key in study.variables], dtype=float).T[:limit]
+    given = study.sampler.values if study.sampler and study.sampler.kind == "given" else None
+    if given is not None:
+        return np.array([[var.number(v) for v in given[key]] for key, var in study.variables.items()]).T[:limit]
     samples = unit_samples(study)[:limit]
     values = np.empty(samples.shape)
     for j, variable in enumerate(study.variables.values()):
@@ -40,7 +45,7 @@ def design_values(study: Study, limit: int | None = None) -> np.ndarray:
 def unit_samples(study: Study) -> np.ndarray:
     """Designs in the unit cube, one column for each variable.
 
-    ``random`` and ``sobol`` give the same first designs whatever ``n``; a Latin hypercube depends on ``n``.
+    ``random``, ``sobol`` and ``saltelli`` give the same first designs whatever ``n``; the others depend on ``n``.
 
     Returns
     -------
@@ -50,11 +55,16 @@ def unit_samples(study: Study) -> np.ndarray:
     d = len(axes)
     if d == 0:
         return np.zeros((1, 0))
+    if sampler is None:
+        remedy = "`sweep optimise` needs none; to sweep, write e.g. {kind: sobol, n: 100, seed: 0}"
+        raise ConfigError([Mistake("sampler", ABSENT, "is required to sweep", remedy)], study.name)
     if sampler.kind == "grid":
-        return _grid(study)
+        return np.array(list(itertools.product(*_axes(study, sampler))))
     n = sampler.n or 1
     from scipy.stats import qmc  # a third of a second, that a worker does not need
 
+    if sampler.kind in BLOCKS:
+        return _blocks(study, sampler)
     rng = np.random.default_rng(sampler.seed)
     if sampler.kind == "random":
         return rng.random((n, d))
@@ -69,27 +79,61 @@ def count_designs(study: Study) -> int:
     """How many designs the study has."""
     if not study.variables:
         return 1
+    if study.sampler is None:
+        return len(unit_samples(study))
     if study.sampler.kind == "given":
         return len(next(iter(study.sampler.values.values())))
     if study.sampler.kind == "grid":
-        given, n = study.sampler.levels, study.sampler.n
-        return math.prod(
-            len(variable.values) if variable.values is not None else given.get(key) or n or 1
-            for key, variable in study.variables.items()
-        )
-    return study.sampler.n or 1
+        return math.prod(len(axis) for axis in _axes(study, study.sampler))
+    return (study.sampler.n or 1) * (block_size(study) if study.sampler.kind in BLOCKS else 1)
 
 
-def _grid(study: Study) -> np.ndarray:
-    levels = []
+def block_size(study: Study) -> int:
+    """Designs that belong together: a block of Saltelli's design, a trajectory of Morris's."""
+    assert study.sampler is not None
+    return len(study.variables) + BLOCKS[study.sampler.kind]
+
+
+def problem(variables: Iterable[str]) -> dict[str, Any]:
+    """The unit cube as SALib describes it."""
+    names = list(variables)
+    return {"num_vars": len(names), "names": names, "bounds": [[0.0, 1.0]] * len(names)}
+
+
+def salib() -> None:
+    """ConfigError where SALib, which sensitivity needs, is not installed."""
+    if find_spec("SALib") is None:
+        problem = "sensitivity needs the package SALib, which is not installed"
+        raise ConfigError([Mistake("sampler.kind", ABSENT, problem, "pip install 'cable-sweep[analysis]'")])
+
+
+def _blocks(study: Study, sampler: Sampler) -> np.ndarray:
+    """Saltelli's design in blocks (A, A with a column of B each, B), or Morris's trajectories; n of them."""
+    salib()
+    what, n, seed = problem(study.variables), sampler.n or 1, sampler.seed
+    with warnings.catch_warnings():  # of numbers that are no power of two
+        warnings.simplefilter("ignore", UserWarning)
+        if sampler.kind == "saltelli":
+            from SALib.sample import sobol
+
+            return np.asarray(sobol.sample(what, n, calc_second_order=False, seed=seed))
+        from SALib.sample import morris
+
+        return np.asarray(morris.sample(what, n, num_levels=LEVELS, seed=seed))
+
+
+def _axes(study: Study, sampler: Sampler) -> list[np.ndarray]:
+    """Levels of each variable in the unit cube: all that a list or whole numbers have, unless fewer are asked for."""
+    axes = []
     for key, variable in study.variables.items():
-        if variable.values is not None:
-            n = len(variable.values)
-            levels.append((np.arange(n) + 0.5) / n)
+        levels = sampler.levels.get(key)
+        if variable.options is not None and (variable.integer is None or levels is None):
+            n = len(variable.options)
+            axes.append((np.arange(n) + 0.5) / n)
         else:
-            n = study.sampler.levels.get(key) or study.sampler.n or 1
-            levels.append(np.linspace(0, 1, n) if n > 1 else np.array([0.5]))
-    return np.array(list(itertools.product(*levels)))
+            n = levels or sampler.n or 1
+            axes.append(np.linspace(0, 1, n) if n > 1 else np.array([0.5]))
+    return axes
 
 
 def designs(study: Study, limit: int | None = None) -> list[dict[str, float]]:
@@ -98,12 +142,20 @@ def designs(study: Study, limit: int | None = None) -> list[dict[str, float]]:
 
 
 def extremes(study: Study) -> dict[str, dict[str, float]]:
-    """The first design, and those with every variable at its least and at its greatest."""
-    chosen = {"first": designs(study, 1)[0]}
+    """The first design, and those with every variable at its least and at its greatest, as far as they are possible.
+
+    Without a sampler the design in the middle stands for the first.
+    """
+    middle = {key: variable.at(0.5) for key, variable in study.variables.items()}
+    chosen = {"first": middle if study.sampler is None else designs(study, 1)[0]}
     if study.variables:
         chosen["least"] = {key: min(v for _, v in var.tests) for key, var in study.variables.items()}
         chosen["greatest"] = {key: max(v for _, v in var.tests) for key, var in study.variables.items()}
-    return chosen
+    possible = {label: values for label, values in chosen.items() if not make_point(study, 0, 0, values).problem}
+    if not possible:
+        problem = make_point(study, 0, 0, chosen["first"]).problem
+        raise ConfigError([Mistake("variables", ABSENT, f"the first design is not possible: {problem}")], study.name)
+    return possible
 
 
 def design_scene(study: Study, values: Mapping[str, float], environment: int = 0) -> Scene:
@@ -123,10 +175,18 @@ def design_ask(study: Study, values: Mapping[str, float], environment: int = 0) 
 
 
 def make_point(study: Study, design: int, environment: int, values: Mapping[str, float]) -> Point:
-    """A point ready to run."""
-    scene, ask = design_scene(study, values, environment), design_ask(study, values, environment)
+    """A point ready to run, or with the reason why there can be none."""
+    scene, ask, problem = study.scene, study.ask, ""
+    try:
+        scene, ask = design_scene(study, values, environment), design_ask(study, values, environment)
+        key = point_key(scene, ask, study.settings)
+    except ValueError as error:  # of the vocabulary, or of an expression
+        problem = _why(error)
+        wanted = {"impossible": sorted(values.items()), "environment": environment}
+        key = _hashed({"scene": _as_first(dump(scene)), **wanted})
     return Point(
-        key=point_key(scene, ask, study.settings),
+        key=key,
+        problem=problem,
         design=design,
         environment=environment,
         values=dict(values),
@@ -134,6 +194,21 @@ def make_point(study: Study, design: int, environment: int, values: Mapping[str,
         ask=ask,
         settings=study.settings,
     )
+
+
+def _why(error: ValueError) -> str:
+    if not isinstance(error, ValidationError):
+        return str(error)
+    told = (item["msg"].removeprefix("Value error, ") for item in error.errors(include_url=False))
+    return "; ".join(dict.fromkeys(told))
+
+
+def design_quantity(study: Study, values: Mapping[str, float], name: str) -> float:
+    """A number that a design has before it is run, in the first environment; NaN for an impossible design."""
+    try:
+        return DESIGN_QUANTITIES[name].function(design_scene(study, values))
+    except ValueError:
+        return math.nan
 
 
 def made(study: Study, order: Order) -> Point:
@@ -197,6 +272,10 @@ def point_key(scene: Scene, ask: Ask, settings: MetricSettings | None = None) ->
         if settings.uncertainty is None:
             del chosen["uncertainty"]
         parts["metrics"] = chosen
+    return _hashed(parts)
+
+
+def _hashed(parts: Mapping[str, Any]) -> str:
     text = json.dumps(canonical(parts), sort_keys=True, separators=(",", ":"), allow_nan=False)
     return hashlib.sha256(text.encode()).hexdigest()[:16]
 

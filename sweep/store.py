@@ -18,27 +18,30 @@ import os
 import socket
 import threading
 import time
+import uuid
 from collections import OrderedDict, deque
 from collections.abc import Callable, Iterable, Iterator, Mapping
 from contextlib import contextmanager, suppress
 from dataclasses import dataclass, field, fields
 from pathlib import Path
-from typing import Any, BinaryIO, Protocol
+from typing import TYPE_CHECKING, Any, BinaryIO, Protocol
 
-import netCDF4
 import numpy as np
-import xarray as xr
 
 from .config import Study, load_study
-from .dataset import assemble
 from .plan import Keys, Plan, make_plan, read_plan, write_plan
 from .point import Record
 from .space import count_designs
+
+if TYPE_CHECKING:
+    import xarray as xr
 
 SYNC_ROWS = 20
 SYNC_SECONDS = 1.0
 PIECE = 4096  # points of results.nc made at a time
 OPEN_FILES = 64  # journals held open while rows are collected
+ABANDONED = 3600.0  # a temporary file that nobody has written to for so long is a killed run's [s]
+SEARCH = "optimise.json"  # what `sweep optimise` keeps beside the plan
 RECENT = 600.0  # span over which a journal's pace is taken [s]
 UNTRUSTED = frozenset(  # metrics, no trust
     {"UNRESOLVED", "COARSE_STEP", "ENERGY_OPEN", "FEW_HARMONICS", "UNSTABLE", "ROD_NEEDED"}
@@ -62,6 +65,14 @@ class CannotWrite(StoreError):
         )
 
 
+class CannotRead(StoreError):
+    """A file cannot be read; ``resumable`` where that may pass."""
+
+    def __init__(self, path: Path, error: OSError) -> None:
+        self.resumable = error.errno in (errno.ESTALE, errno.EIO)
+        super().__init__(f"cannot read {path}: {error.strerror or error}")
+
+
 class OtherVersion(StoreError):
     """The folder holds rows of another solver version."""
 
@@ -80,6 +91,7 @@ class Store(Protocol):
 
     def open(self) -> None: ...
     def append(self, record: Record) -> None: ...
+    def tick(self) -> None: ...
     def rows(self) -> dict[str, Record]: ...
     def close(self) -> None: ...
 
@@ -178,6 +190,9 @@ class MemoryStore:
     def append(self, record: Record) -> None:
         self._records.append(record)
 
+    def tick(self) -> None:
+        pass
+
     def rows(self) -> dict[str, Record]:
         return settle(self._records)
 
@@ -245,7 +260,7 @@ class DiskStore:
             if new:
                 _sync_folder(self.path.parent)
             self._stream = stream
-        headers = [json.loads(line)["header"] for line in _beginning(self.path, b'{"header"')]
+        headers = [row["header"] for line in _beginning(self.path, b'{"header"') if (row := _row(line))]
         header = _plain(self._header)
         if not headers or headers[-1] != header:
             self._write(_line({"header": header}))
@@ -258,11 +273,22 @@ class DiskStore:
             self.open()
         assert self._stream is not None
         with complaint(self.path):
-            written = self._stream.write(line)
-            if written != len(line):  # a full disk takes what it can; the next start cuts the torn line back
-                raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
+            end = self._stream.seek(0, os.SEEK_END)
+            rest = memoryview(line)
+            try:
+                while rest:  # a full disk, or a network's, takes what it can
+                    rest = rest[self._stream.write(rest) or 0 :]
+            except OSError:
+                with suppress(OSError):  # else the next line would be glued to a torn one; a killed run's is cut back
+                    self._stream.truncate(end)
+                raise
             self._unsynced += 1
-            if self._unsynced >= SYNC_ROWS or time.monotonic() - self._synced >= SYNC_SECONDS:
+            self.tick()
+
+    def tick(self) -> None:
+        """Sync what was written, if it is time."""
+        if self._unsynced >= SYNC_ROWS or (self._unsynced and time.monotonic() - self._synced >= SYNC_SECONDS):
+            with complaint(self.path):
                 self._sync()
 
     def _sync(self) -> None:
@@ -379,6 +405,12 @@ def last_turn(directory: Path) -> int:
     return max((int(row["start"]["turn"]) for row in rows if row), default=0)
 
 
+def jobs_begun(directory: Path) -> set[str]:
+    """The jobs that have written to any journal."""
+    rows = [_row(line) for path in journals(directory) for line in _beginning(path, b'{"start"')]
+    return {str(row["start"]["job"]) for row in rows if row}
+
+
 def read_records(directory: Path) -> list[Record]:
     """The rows of all journals in the order of their writing."""
     rows = []
@@ -403,7 +435,8 @@ class Journal:
     host: str = ""
     job: str = ""
     turn: int = 0
-    starts: int = 0  # since the last row
+    fruitful: int = 0  # turn of the last row
+    idle: list[int] = field(default_factory=list)  # turns begun since
     rows: int = 0
     failed: int = 0
     recent: deque[float] = field(default_factory=lambda: deque(maxlen=256))  # when the last rows were written
@@ -421,7 +454,7 @@ class Journal:
 class Replay:
     """Which row of which journal counts for each point of a plan: of several the last trusted, or the last.
 
-    Holds 27 bytes for each point. Equal keys share their first place.
+    Holds 29 bytes for each point. Equal keys share their first place.
     """
 
     def __init__(self, directory: str | Path, keys: Keys) -> None:
@@ -432,14 +465,19 @@ class Replay:
         self.names = ["MISSING"]  # of statuses
         self.status = np.zeros(n, dtype=np.uint8)  # index into names
         self.metrics: set[str] = set()
+        self.began: dict[str, int] = {}  # the turn in which a job wrote first
+        headers: dict[str, dict[str, Any]] = {}
         self._where = np.zeros(n, dtype=np.int64)  # journal << 40 | byte
-        self._turn = np.zeros(n, dtype=np.uint16)
+        self.turns = np.zeros(n, dtype=np.uint32)  # of the rows; a week of requeued arrays has many
         self._at = np.zeros(n)
         for number, path in enumerate(self.paths):
-            self._read(number, path)
-        self.headers = read_headers(self.directory)
+            try:
+                self._read(number, path, headers)
+            except OSError as error:
+                raise CannotRead(path, error) from error
+        self.headers = list(headers.values())
 
-    def _read(self, number: int, path: Path) -> None:
+    def _read(self, number: int, path: Path, headers: dict[str, dict[str, Any]]) -> None:
         journal = Journal(writer=path.stem.removeprefix("journal-"), touched=path.stat().st_mtime)
         self.journals.append(journal)
         codes = {name: code for code, name in enumerate(self.names)}
@@ -447,11 +485,15 @@ class Replay:
             if "start" in row:
                 start = row["start"]
                 journal.host, journal.job, journal.turn = start["host"], start["job"], start["turn"]
-                journal.starts += 1
+                journal.idle.append(journal.turn)
+                self.began[journal.job] = min(journal.turn, self.began.get(journal.job, journal.turn))
+            if "header" in row:
+                headers.setdefault(json.dumps(row["header"]), row["header"])
             if "key" not in row:
                 continue
             status, at = row["status"], row.get("at", 0.0)
-            journal.rows, journal.starts = journal.rows + 1, 0
+            journal.rows += 1
+            journal.fruitful, journal.idle = journal.turn, []
             journal.failed += outcome(status) == "failed"
             journal.recent.append(at)
             place = self.place(row["key"])
@@ -461,10 +503,10 @@ class Replay:
                 codes[status] = len(self.names)
                 self.names.append(status)
             old = self.names[self.status[place]]
-            latest = (journal.turn, at) >= (self._turn[place], self._at[place])
+            latest = (journal.turn, at) >= (self.turns[place], self._at[place])
             if old == "MISSING" or (status == "OK" and old != "OK") or (latest and (status == "OK" or old != "OK")):
                 self.status[place], self._where[place] = codes[status], number << 40 | byte
-                self._turn[place], self._at[place] = journal.turn, at
+                self.turns[place], self._at[place] = journal.turn, at
                 self.metrics.update(row.get("metrics", ()))
 
     def place(self, key: str) -> int | None:
@@ -515,22 +557,36 @@ class Replay:
 
 
 def write_whole(path: Path, write: Callable[[Path], object]) -> Path:
-    """Call ``write(temporary path)``, sync, and put the file in place at once: nobody sees half of it."""
-    temporary = path.with_name(f".{path.name}.{socket.gethostname()}.{os.getpid()}")
+    """Call ``write(temporary path)``, sync, and put the file in place at once: nobody sees half of it.
+
+    A ``write`` that returns False has thought better of it, and the file stays as it was.
+    """
+    temporary = path.with_name(f".{path.name}.{uuid.uuid4().hex[:12]}")
     with complaint(path):
         try:
             path.parent.mkdir(parents=True, exist_ok=True)
-            write(temporary)
+            wanted = write(temporary)
             with temporary.open("rb") as stream:
                 os.fsync(stream.fileno())
-            os.replace(temporary, path)
-            _sync_folder(path.parent)
+            _forget_abandoned(path, temporary)
+            if wanted is not False:
+                os.replace(temporary, path)
+                _sync_folder(path.parent)
         except RuntimeError as error:  # netCDF's word for a full or sick disk
             raise OSError(errno.EIO, str(error)) from error
         finally:
             with suppress(FileNotFoundError):
                 temporary.unlink()
     return path
+
+
+def _forget_abandoned(path: Path, temporary: Path) -> None:
+    """Remove what killed runs left of a file that they were writing."""
+    now = temporary.stat().st_mtime
+    for other in path.parent.glob(f".{path.name}.*"):
+        with suppress(OSError):  # another may do the same at this moment
+            if other != temporary and now - other.stat().st_mtime > ABANDONED:
+                other.unlink()
 
 
 # --------------------------------------------------------------------------------------------- folders
@@ -549,38 +605,81 @@ def prepare(study: Study, directory: str | Path, limit: int | None = None) -> Pl
     """The folder's plan; written, with the study beside it, when new, longer, or of a changed study."""
     directory = Path(directory)
     path = directory / "plan.json"
+    if searched(directory):
+        raise StoreError(f"{directory} is of `sweep optimise`, which plans its own designs: use another folder")
     if path.is_file():
         known = read_plan(path)
         if known.text == study.text and len(known.designs) >= min(count_designs(study), limit or math.inf):
+            text = directory / "study.yaml"
+            if not text.is_file() or text.read_text(encoding="utf-8") != study.text:
+                write_whole(text, lambda place: place.write_text(study.text, encoding="utf-8"))
             return known
         if known.text != study.text:
             log.warning("%s is of an earlier form of this study; points that did not change are kept", path)
     plan = make_plan(study, limit)
-    write_whole(directory / "study.yaml", lambda place: place.write_text(study.text, encoding="utf-8"))
-    write_whole(path, lambda place: write_plan(plan, place))
+    keep_plan(study, plan, directory)
     return plan
+
+
+def contents(directory: str | Path) -> tuple[Study, Plan]:
+    """A folder's study and its plan, which are of one another."""
+    study = study_of(directory)
+    plan = read_plan(Path(directory) / "plan.json")
+    if plan.text != study.text:
+        raise StoreError(
+            f"{directory}: plan.json is not of study.yaml, which was edited, or a run was killed as it took up a new "
+            f"one. `sweep run {directory}/study.yaml --out {directory}` plans it anew; rows that fit are kept."
+        )
+    return study, plan
+
+
+def searched(directory: str | Path) -> bool:
+    """Whether a folder is of `sweep optimise`."""
+    return (Path(directory) / SEARCH).is_file()
+
+
+def keep_plan(study: Study, plan: Plan, directory: Path) -> None:
+    """Write a plan, and the study beside it."""
+    write_whole(directory / "study.yaml", lambda place: place.write_text(study.text, encoding="utf-8"))
+    write_whole(directory / "plan.json", lambda place: write_plan(plan, place))
 
 
 def dataset_of(directory: str | Path) -> xr.Dataset:
     """The dataset of a folder's journals as they are now."""
-    directory = Path(directory)
-    study = study_of(directory)
-    plan = read_plan(directory / "plan.json")
+    from .dataset import assemble  # xarray takes half a second that ranks do not need, here and below
+
+    study, plan = contents(directory)
     replay = Replay(directory, plan.keys)
     return assemble(study, plan, replay.table(slice(None)), replay.headers)
 
 
 def merge(directory: str | Path) -> Path:
-    """Make ``results.nc`` of the journals, piece by piece, and return its path."""
-    directory = Path(directory)
-    study = study_of(directory)
-    plan = read_plan(directory / "plan.json")
-    replay = Replay(directory, plan.keys)
-    return write_whole(directory / "results.nc", lambda place: _stream(study, plan, replay, place))
+    """Make ``results.nc`` of the journals, piece by piece, and return its path.
+
+    The file's time is when reading began, by the file server's clock: rows may be written meanwhile, and are newer.
+    """
+    path = Path(directory) / "results.nc"
+
+    def when() -> int:
+        return path.stat().st_mtime_ns if path.is_file() else 0
+
+    def make(place: Path) -> bool:
+        place.touch()
+        began, before = place.stat().st_mtime_ns, when()
+        study, plan = contents(directory)
+        _stream(study, plan, Replay(directory, plan.keys), place)
+        os.utime(place, ns=(began, began))
+        return when() == before or when() < began  # else another merge has begun later and is done
+
+    return write_whole(path, make)
 
 
 def _stream(study: Study, plan: Plan, replay: Replay, place: Path) -> None:
     """Write the dataset, PIECE points at a time: xarray writes the first, the others are appended to its variables."""
+    import netCDF4
+
+    from .dataset import assemble
+
     m = len(plan.environments)
     step = max(1, PIECE // m)
     several = len(plan.designs) > step
@@ -599,10 +698,12 @@ def _stream(study: Study, plan: Plan, replay: Replay, place: Path) -> None:
 
 
 def open_study(directory: str | Path) -> xr.Dataset:
-    """The results of a study's folder: ``results.nc``, or the journals where they are newer."""
+    """The results of a study's folder: ``results.nc``, or the journals where they or the plan are newer."""
+    import xarray as xr
+
     path = Path(directory) / "results.nc"
-    parts = [part.stat().st_mtime for part in journals(Path(directory))]
-    if not path.is_file() or any(part > path.stat().st_mtime for part in parts):
+    parts = [*journals(Path(directory)), *Path(directory).glob("plan.json")]
+    if not path.is_file() or any(part.stat().st_mtime_ns >= path.stat().st_mtime_ns for part in parts):
         return dataset_of(directory)
     with xr.open_dataset(path, engine="netcdf4") as dataset:
         return dataset.load()

@@ -17,6 +17,7 @@ import subprocess
 import sys
 import time
 from collections.abc import Mapping, Sequence
+from contextlib import suppress
 from dataclasses import dataclass, field
 from functools import partial
 from pathlib import Path
@@ -34,7 +35,7 @@ from .point import Record
 from .report import duration
 from .resolve import resolve
 from .run import Settings, job_of, provenance, to_do
-from .store import Replay, StoreError, prepare, same_version, write_whole
+from .store import Replay, StoreError, complaint, prepare, same_version, write_whole
 from .supervise import CannotRun
 
 TEMPLATES = Path(__file__).resolve().parents[1] / "slurm"
@@ -52,7 +53,7 @@ class Site:
 
     options: dict[str, str | int | bool | None] = Field(default_factory=dict)  # long options of sbatch
     setup: tuple[str, ...] = ()  # shell lines before the run: modules, environments
-    launch: str = "srun --mpi=pmi2 --kill-on-bad-exit=1"  # starts the ranks
+    launch: str = "mpirun"  # starts the ranks
     node_cache: bool = False  # compiled kernels on each node's own disk
     max_array: int | None = Field(default=None, ge=1)  # tasks of one array, where scontrol cannot say
     max_files: int | None = Field(default=None, ge=1)  # that a study may make, by quota
@@ -60,17 +61,14 @@ class Site:
 
 @dataclass(frozen=True, kw_only=True)
 class Request:
-    """What is to be submitted: an array of tasks without MPI, or one job of ranks."""
+    """What is to be submitted: an array of tasks without MPI, or one job of ranks, which may search for the front."""
 
     array: int | None = None
     ranks: int | None = None
     options: Mapping[str, str] = field(default_factory=dict)  # of the command line; they win over the site's
     pilots: int = 8
-    extra: Sequence[str] = ()  # options for `sweep run`
-
-    @property
-    def kind(self) -> str:
-        return "array" if self.array else "mpi"
+    extra: Sequence[str] = ()  # options for `sweep run`, or `sweep optimise`
+    search: bool = False  # `sweep optimise` in place of `sweep run`
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -166,10 +164,10 @@ def _setup(site: Site) -> list[str]:
 def scripts(study: str, directory: Path, request: Request, site: Site, limit: int) -> list[Script]:
     """The scripts of a request: arrays of at most ``limit`` tasks, or one job; the merge job last."""
     options = {**site.options, **request.options}
-    log_of = {"array": "%x-%A_%a.log", "mpi": "%x-%j.log", "merge": "%x-%j.log"}
 
     def text(name: str, given: Mapping[str, object]) -> str:
-        output = str((directory / "logs" / log_of[name]).absolute())
+        log_name = "%x-%A_%a.log" if name == "array" else "%x-%j.log"
+        output = str((directory / "logs" / log_name).absolute())
         return render(name, site, {"job-name": re.sub(r"[^\w.-]+", "-", study), "output": output, **given})
 
     words = [str((directory / "study.yaml").absolute()), str(directory.absolute()), *request.extra]
@@ -188,7 +186,8 @@ def scripts(study: str, directory: Path, request: Request, site: Site, limit: in
             for first in range(0, request.array, limit)
         ]
     else:
-        found = [Script(name="mpi", text=text("mpi", options), options=[f"--ntasks={request.ranks}"], words=words)]
+        name = "optimise" if request.search else "mpi"
+        found = [Script(name=name, text=text(name, options), options=[f"--ntasks={request.ranks}"], words=words)]
     alone = {name: value for name, value in options.items() if not name.startswith(("ntasks", "nodes", "time"))}
     last = ["--dependency=afterany:{jobs}", "--kill-on-invalid-dep=yes"]
     return [*found, Script(name="merge", text=text("merge", alone), options=last, words=words[1:2])]
@@ -250,6 +249,10 @@ def submit(study: Study, settings: Settings, request: Request, site: Site, dry_r
         _need_slurm()
         _not_queued(directory)
         _room(directory, (request.array or request.ranks or 1), site)
+    if request.search:
+        if not dry_run:
+            write_whole(directory / "study.yaml", lambda place: place.write_text(study.text, encoding="utf-8"))
+    elif not dry_run:
         plan, left, pace = plan_costs(study, settings, request.pilots)
         if not left:
             return [f"nothing is left to run; sweep merge {directory}"]
@@ -301,18 +304,25 @@ def _command(script: Script, directory: Path, jobs: Sequence[str]) -> list[str]:
 
 
 def _sent(ready: Sequence[Script], directory: Path) -> list[str]:
+    book = directory / "jobs" / "submitted.jsonl"
     for name in ("jobs", "logs"):
-        (directory / name).mkdir(parents=True, exist_ok=True)
-    jobs: list[str] = []
+        with complaint(directory / name):
+            (directory / name).mkdir(parents=True, exist_ok=True)
     for script in ready:
         write_whole(directory / "jobs" / f"{script.name}.sbatch", partial(_write, script.text))
+    jobs: list[str] = []
+    for script in ready:
         ended = subprocess.run(_command(script, directory, jobs), capture_output=True, text=True, check=False)
         if ended.returncode:
             undo = f" Already submitted: {', '.join(jobs)} (scancel {' '.join(jobs)} takes them back)." if jobs else ""
             raise StoreError(f"sbatch refused the {script.name} job: {ended.stderr.strip()}.{undo}")
         jobs.append(ended.stdout.strip().partition(";")[0])
-        with (directory / "jobs" / "submitted.jsonl").open("a", encoding="utf-8") as file:
-            file.write(json.dumps({"job": jobs[-1], "kind": script.name, "at": time.time()}) + "\n")
+        try:
+            with book.open("a", encoding="utf-8") as file:
+                file.write(json.dumps({"job": jobs[-1], "kind": script.name, "at": time.time()}) + "\n")
+        except OSError as error:
+            undo = f"scancel {' '.join(jobs)} takes back what is submitted already"
+            raise StoreError(f"cannot write {book}: {error.strerror or error}; {undo}") from error
     return [
         f"submitted {', '.join(jobs[:-1])}, and {jobs[-1]} to merge after them",
         f"follow it: sweep status {directory}; logs in {directory / 'logs'}",
@@ -332,7 +342,10 @@ def _not_queued(directory: Path) -> None:
     path = directory / "jobs" / "submitted.jsonl"
     if not path.is_file():
         return
-    ours = {json.loads(line)["job"] for line in path.read_text(encoding="utf-8").splitlines() if line}
+    ours = set()
+    for line in path.read_text(encoding="utf-8").splitlines():
+        with suppress(ValueError, KeyError, TypeError):  # a line that a full disk has torn
+            ours.add(json.loads(line)["job"])
     ended = subprocess.run(
         ["squeue", "-h", "-u", getpass.getuser(), "-o", "%F"], capture_output=True, text=True, check=False
     )

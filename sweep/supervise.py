@@ -1,6 +1,7 @@
 """Drives one child process: one point at a time, killed at its limits, started again when it dies.
 
-Model code runs nowhere else. Whatever happens to the child, the point in flight ends in a row with a reason.
+Model code runs nowhere else. Whatever happens to the child, the point in flight ends in a row with a reason. The
+first child of a run is a fork of a process that has imported everything (``fork_spare``): importing takes seconds.
 """
 
 from __future__ import annotations
@@ -10,12 +11,14 @@ import signal
 import subprocess
 import sys
 import time
+import traceback
+from contextlib import suppress
 from multiprocessing import Pipe
 from multiprocessing.connection import Connection
 from pathlib import Path
-from typing import Any
+from typing import Any, Protocol
 
-from .child import failed, memory
+from .child import failed, memory, work
 from .point import Order, Point, Record
 
 START_LIMIT = 900.0  # a child that imports and compiles for longer than this is stuck [s]
@@ -39,6 +42,79 @@ def _environment() -> dict[str, str]:
     house = str(Path(__file__).resolve().parents[1])
     kept["PYTHONPATH"] = os.pathsep.join([house, kept["PYTHONPATH"]] if kept.get("PYTHONPATH") else [house])
     return kept | dict.fromkeys(("NUMBA_NUM_THREADS", "OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS"), "1")
+
+
+class _Process(Protocol):
+    """What is needed of a process, forked or started."""
+
+    pid: int
+
+    def kill(self) -> None: ...
+    def wait(self) -> int: ...
+
+
+class _Fork:
+    """A forked child of this process, and our end of its socket."""
+
+    def __init__(self, pid: int, pipe: Connection) -> None:
+        self.pid, self.pipe = pid, pipe
+        self._code: int | None = None
+
+    def kill(self) -> None:
+        if self._code is None:  # else the number may be another's by now
+            os.kill(self.pid, signal.SIGKILL)
+
+    def wait(self) -> int:
+        if self._code is None:
+            self._code = os.waitstatus_to_exitcode(os.waitpid(self.pid, 0)[1])
+        return self._code
+
+
+_spares: list[_Fork] = []
+
+
+def fork_spare() -> bool:
+    """Fork a child for the next ``Child`` to take, from this process as it is: with all that it has imported.
+
+    Only a process of one thread that has not begun MPI may be forked, and one whose libraries have one thread each, as
+    those of a child that is started have; returns whether it was done.
+    """
+    alone = sys.platform == "linux" and len(os.listdir("/proc/self/task")) == 1
+    if not alone or "mpi4py.MPI" in sys.modules:
+        return False
+    ours, theirs = Pipe()
+    parent = os.getpid()
+    sys.stdout.flush()
+    sys.stderr.flush()
+    signal.pthread_sigmask(signal.SIG_BLOCK, SIGNALS)  # inherited: an interrupt is the parent's to handle
+    pid = os.fork()
+    if pid == 0:
+        code = 1
+        try:
+            _leave_home(theirs.fileno())
+            code = work(parent, theirs)
+        except BaseException:
+            traceback.print_exc()
+        finally:
+            os._exit(code)
+    signal.pthread_sigmask(signal.SIG_UNBLOCK, SIGNALS)
+    theirs.close()
+    _spares.append(_Fork(pid, ours))
+    return True
+
+
+def _leave_home(socket: int) -> None:
+    """Make a fork what a started child is: its own environment, no input, and no files but its socket."""
+    environment = _environment()
+    for name in os.environ.keys() - environment.keys():
+        del os.environ[name]
+    os.environ.update(environment)
+    os.dup2(os.open(os.devnull, os.O_RDONLY), 0)
+    os.dup2(2, 1)
+    for handle in map(int, os.listdir("/proc/self/fd")):
+        if handle > 2 and handle != socket:
+            with suppress(OSError):  # that of the listing itself
+                os.close(handle)
 
 
 def _ending(code: int) -> str:
@@ -71,7 +147,7 @@ class Child:
         self._imported = self._going = False
         self.point: Point | Order | None = None
         self.ahead: Point | Order | None = None  # lies in the child's socket: short points do not wait for the next
-        self._process: subprocess.Popen[bytes] | None = None
+        self._process: _Process | None = None
         self._pipe: Connection | None = None
         self._ready = False
         self._since = 0.0
@@ -83,13 +159,18 @@ class Child:
         return self._ready
 
     def start(self) -> None:
-        """Start the process; it imports, and waits for ``go``."""
+        """Start the process, or take the spare one; it imports, and waits for ``go``."""
+        spare = _spares.pop() if _spares else None
+        self._process, self._pipe = (spare, spare.pipe) if spare else self._started()
+        self._ready, self._imported, self._since = False, False, time.monotonic()
+        self._put(self._functions)
+
+    def _started(self) -> tuple[_Process, Connection]:
         ours, theirs = Pipe()
-        handles = [str(os.getpid()), str(theirs.fileno())]
         signal.pthread_sigmask(signal.SIG_BLOCK, SIGNALS)  # inherited: an interrupt is the parent's to handle
         try:
-            self._process = subprocess.Popen(
-                [sys.executable, "-m", "sweep.child", *handles, *self._functions],
+            process = subprocess.Popen(
+                [sys.executable, "-m", "sweep.child", str(os.getpid()), str(theirs.fileno())],
                 stdin=subprocess.DEVNULL,
                 stdout=2,
                 pass_fds=[theirs.fileno()],
@@ -98,7 +179,7 @@ class Child:
         finally:
             signal.pthread_sigmask(signal.SIG_UNBLOCK, SIGNALS)
             theirs.close()
-        self._pipe, self._ready, self._imported, self._since = ours, False, False, time.monotonic()
+        return process, ours
 
     def go(self) -> None:
         """Let the child compile, or load from the compiler's cache; for good, also after it has died."""
@@ -145,7 +226,7 @@ class Child:
             raise CannotRun(f"the worker process was not ready after {START_LIMIT:g} s")
         if self._ready and self.point and self._limit is not None and elapsed > self._limit:
             return self._end("TIMEOUT", f"passed the time limit of {self._limit:g} s")
-        return self._look() if self.point else None
+        return self._look() if self.point and self._ready else None
 
     def _look(self) -> Record | None:
         """End a point whose process has more memory than it may."""

@@ -50,13 +50,14 @@ class Work(NamedTuple):
     r: np.ndarray
     J: np.ndarray  # (ndof, 2 bw + 1)
     more: np.ndarray  # (5, ndof) what a method keeps beside
+    go: np.ndarray  # (2,) step to go on with where the last march ended, 0 where it must be started; step of factors J
 
 
 def make_work(ndof: int, bw: int) -> Work:
     def z() -> np.ndarray:
         return np.zeros(ndof)
 
-    return Work(z(), z(), z(), z(), np.zeros((ndof, 2 * bw + 1)), np.zeros((5, ndof)))
+    return Work(z(), z(), z(), z(), np.zeros((ndof, 2 * bw + 1)), np.zeros((5, ndof)), np.zeros(2))
 
 
 @kernel
@@ -169,7 +170,7 @@ def newton(t, dq, dv, da, pack, w, most, small, floor, counts, fresh):
 def generalised_alpha(pack, s, out, w, pieces, h, rho, floor, max_steps):
     """March at fixed step h, halved for once where constraints fail to converge. Returns a status.
 
-    Row 0 of s.q, s.v holds the start.
+    Row 0 of s.q, s.v holds the start; where w.go says so, s and w are as the last march left them, and it goes on.
 
     y_{n+1} = y_n + h ((1 - g) y'_n + g y'_{n+1}) for q and v; q' at n + am equals v at n + af, and F = 0 is asked at
     (q, v at n + af; v' at n + am), with am = (3 - rho)/(2 (1 + rho)), af = 1/(1 + rho), g = 1/2 + am - af.
@@ -181,15 +182,19 @@ def generalised_alpha(pack, s, out, w, pieces, h, rho, floor, max_steps):
     given_q, given_v, given_a = w.more[2], w.more[3], w.more[4]
     start = 0.0
     step, share, rigid = h, 1.0, constrained(pack)
+    going = w.go[0] > 0.0
+    w.go[0] = 0.0
     for piece in range(len(pieces) - 1):
         t, stop = pieces[piece], pieces[piece + 1]
         lo, hi = np.nextafter(t, 1e300), np.nextafter(stop, -1e300)
         if piece == 0:
             start = begin(lo, s, pack)
-        if not launch(lo, step, s, pack, w, floor, out.counts):
-            return DIVERGED
-        copy(rate0, s.v[0])
-        jump(lo, s, pack)
+        if not going:
+            if not launch(lo, step, s, pack, w, floor, out.counts):
+                return DIVERGED
+            copy(rate0, s.v[0])
+            jump(lo, s, pack)
+        going = False
         while t < stop:
             if out.counts[C_STEPS] >= max_steps:
                 return TOO_MANY_STEPS
@@ -248,12 +253,13 @@ def generalised_alpha(pack, s, out, w, pieces, h, rho, floor, max_steps):
             advance(s)
             copy(rate0, rate1)
             out.counts[C_STEPS] += 1
+    w.go[0] = step
     return OK
 
 
 @kernel
 def tr_bdf2(pack, s, out, w, pieces, h, tol, h_most, h_least, floor, max_steps):
-    """March with error control; arguments as in `explicit.march`. Returns a status."""
+    """March with error control; arguments as in `explicit.march`. Returns a status. Goes on as `generalised_alpha`."""
     n = len(w.q)
     gamma = 2.0 - math.sqrt(2.0)
     d, wt = 0.5 * gamma, 0.25 * math.sqrt(2.0)
@@ -261,18 +267,24 @@ def tr_bdf2(pack, s, out, w, pieces, h, tol, h_most, h_least, floor, max_steps):
     v1, a1 = w.more[0], w.more[1]  # middle stage
     gq, gv, ga = w.more[2], w.more[3], w.more[4]
     start = 0.0
+    going, factored = w.go[0] > 0.0, 0.0
+    if going:
+        h, factored = w.go[0], w.go[1]
+    w.go[0] = 0.0
     for piece in range(len(pieces) - 1):
         t, stop = pieces[piece], pieces[piece + 1]
         lo, hi = np.nextafter(t, 1e300), np.nextafter(stop, -1e300)
         if piece == 0:
             start = begin(lo, s, pack)
-        if not launch(lo, h, s, pack, w, floor, out.counts):
-            return DIVERGED
-        jump(lo, s, pack)
-        if piece > 0:
-            h = min(h, 0.1 * h_most)
+        if not going:
+            if not launch(lo, min(h, 1e-3 * h_most), s, pack, w, floor, out.counts):
+                return DIVERGED
+            jump(lo, s, pack)
+            if piece > 0:
+                h = min(h, 0.1 * h_most)
+            factored = 0.0  # step for which w.J is
+        going = False
         wish = h
-        factored = 0.0  # step for which w.J is
         while t < stop:
             if out.counts[C_STEPS] >= max_steps:
                 return TOO_MANY_STEPS
@@ -344,4 +356,5 @@ def tr_bdf2(pack, s, out, w, pieces, h, tol, h_most, h_least, floor, max_steps):
             base = max(h, wish) if last else h
             h = min(base * grow, h_most) if grow > 1.2 or grow < 0.9 else base
             wish = h
+    w.go[0], w.go[1] = h, factored
     return OK

@@ -13,7 +13,7 @@ from typing import NamedTuple
 import numpy as np
 
 from ..compile import kernel
-from ..dispatch import GRAVITY, KINETIC, N_ENERGIES, STRAIN, WATER, energies
+from ..dispatch import GRAVITY, KINETIC, N_ENERGIES, STRAIN, WATER, energies, losses
 
 # columns of the recorded ledger
 L_KINETIC, L_STRAIN, L_GRAVITY, L_WORK, L_LOST = 0, 1, 2, 3, 4  # then cable, device, seabed, rotation
@@ -102,7 +102,7 @@ def book(t, h, s, pack, start, work):
     for k in range(2):
         x = 0.5 + (k - 0.5) / math.sqrt(3.0)
         between(x, h, s, s.q[2], s.v[2])
-        energies(t + x * h, s.q[2], s.v[2], s.a[1], pack, s.e[2])
+        losses(t + x * h, s.q[2], s.v[2], s.a[1], pack, s.e[2])
         for m in range(N_ENERGIES - WATER):
             s.ledger[1, L_LOST + m] += 0.5 * h * s.e[2, WATER + m]
     energies(t + h, s.q[1], s.v[1], s.a[1], pack, s.e[1])

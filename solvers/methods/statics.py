@@ -12,9 +12,12 @@ from typing import Any
 
 import numpy as np
 from numba import njit
+from scipy.linalg import LinAlgError, cholesky_banded
+from scipy.sparse import csr_array
+from scipy.sparse.linalg import ArpackError, LinearOperator, eigs
 
 from ..banded import factor, hold, substitute
-from ..dispatch import backsolve, drive, factorise, residual, tangent
+from ..dispatch import backsolve, call_backsolve, call_factorise, call_tangent, drive, factorise, residual, tangent
 from ..model import Status
 
 
@@ -247,3 +250,73 @@ def _relaxed(pack: Any, q: np.ndarray, tolerance: float, rise: float) -> tuple[b
     start = float(pack.rate) ** 2
     failed, iterations, size = newton_relaxation(0.0, q, pack, np.zeros(len(q)), 3000, tolerance, start, rise)
     return not failed, q, f"relaxed in {iterations} steps, residual {size:.1e} of the loads"
+
+
+MODES = 8  # next to zero, among which an unstable one is looked for
+NEUTRAL = 1e-6  # of the largest of these: a mode that neither grows nor is held
+
+
+def growth(pack: Any, q: np.ndarray, slow: float) -> float:
+    """Rate [1/s] at which a small disturbance of a static state q grows; 0 where the state is stable.
+
+    Undamped disturbances exp(sigma t) x obey (K + sigma^2 M) x = 0 with the tangents K = dF/dq and M = dF/da. A K
+    whose symmetric part has a Cholesky factor has no such sigma. Else the eigenvalues of K x = lambda M x next to zero
+    are found by Arnoldi iteration on (K + s M)^-1 M, s = 0.01 `slow`^2 (which takes K's rigid motions, and the rows
+    without inertia of a line with constraints): a real negative one is an instability (of a line in a steady current,
+    which has no potential energy, that by which it would diverge).
+
+    Parameters
+    ----------
+    slow : float [rad/s]
+        The order of the line's lowest frequency.
+    """
+    n, bw, zero = len(q), pack.bw, np.zeros(len(q))
+    K, M, J = (np.zeros((n, 2 * bw + 1)) for _ in range(3))
+    call_tangent(0.0, q, zero, zero, 1.0, 0.0, 0.0, pack, K)
+    if _definite(K, bw, pack.fixed):
+        return 0.0
+    shift = 0.01 * slow**2
+    call_tangent(0.0, q, zero, zero, 0.0, 0.0, 1.0, pack, M)
+    call_tangent(0.0, q, zero, zero, 1.0, 0.0, shift, pack, J)
+    hold(J, bw, pack.fixed)
+    if not (shift > 0.0 and call_factorise(pack, J)):
+        return 0.0
+    i, k = np.nonzero(M)
+    inertia = csr_array((M[i, k], (i, i + k - bw)), shape=(n, n))
+
+    def solved(x: np.ndarray) -> np.ndarray:
+        y = inertia @ x
+        y[pack.fixed] = 0.0
+        call_backsolve(pack, J, y)
+        return np.asarray(y)
+
+    if n <= 4 * MODES:
+        found = np.linalg.eigvals(np.column_stack([solved(x) for x in np.eye(n)]))
+    else:
+        start = np.random.default_rng(0).standard_normal(n)
+        try:
+            operator = LinearOperator((n, n), matvec=solved, dtype=float)
+            found = eigs(operator, k=MODES, v0=start, return_eigenvectors=False, maxiter=200, tol=1e-9)
+        except ArpackError as failure:  # what has converged counts
+            found = getattr(failure, "eigenvalues", np.zeros(0))
+    found = found[np.abs(found) > 1e-9 * np.abs(found).max(initial=0.0)]
+    values = 1 / found - shift
+    if not len(values):
+        return 0.0
+    real = values.real[np.abs(values.imag) < 1e-3 * np.abs(values.real)]
+    lowest = float(real.min(initial=0.0))
+    return math.sqrt(-lowest) if lowest < -max(NEUTRAL * float(np.abs(values).max()), 1e-3 * shift) else 0.0
+
+
+def _definite(K: np.ndarray, bw: int, fixed: np.ndarray) -> bool:
+    """Whether the symmetric part of K, prescribed dofs aside, is positive definite; K is overwritten."""
+    hold(K, bw, fixed)
+    n = len(K)
+    lower = np.zeros((bw + 1, n))
+    for m in range(min(bw, n - 1) + 1):
+        lower[m, : n - m] = (K[m:, bw - m] + K[: n - m, bw + m]) / 2
+    try:
+        cholesky_banded(lower, lower=True, check_finite=False)
+    except LinAlgError:
+        return False
+    return bool(np.isfinite(lower).all())

@@ -52,7 +52,8 @@ def evaluate(point: Point) -> Record:
         print("stray text on stdout", flush=True)
         os.write(1, b"more of it\n")
     if mode == "eat":
-        eaten = [bytearray(b"x" * 50_000_000) for _ in range(100)]  # 5 GB, touched
+        leap = bytearray(5_000_000_000)  # 5 GB that are not touched: the kernel's limit on data ends it here
+        eaten = [leap, *(bytearray(b"x" * 50_000_000) for _ in range(100))]  # and touched, where nobody limits data
         return Record(key=point.key, design=0, environment=0, values={}, status="OK", message=str(len(eaten)))
     x = point.values["x"]
     if mode == "nan":
@@ -81,7 +82,13 @@ def evaluate_unlimited(point: Point) -> Record:
 
 
 def planned(point: Point) -> Record:
-    """As ``evaluate``, for points of a study: FAKE_MODES says what the designs do in turn, FAKE_SECONDS how long."""
+    """As ``evaluate``, for points of a study: FAKE_MODES says what the designs do in turn, FAKE_SECONDS how long.
+
+    FAKE_HOLD=N:PATH lets designs from the N-th on wait until there is a file of that name: tests need not be quick.
+    """
+    first, _, gate = os.environ.get("FAKE_HOLD", "").partition(":")
+    while gate and point.design >= int(first) and not os.path.exists(gate):
+        time.sleep(0.02)
     modes = os.environ.get("FAKE_MODES", "good").split(",")
     values = {"x": point.design / 7, "mode": float(MODES.index(modes[point.design % len(modes)]))}
     values["seconds"] = float(os.environ.get("FAKE_SECONDS", "0"))
@@ -94,6 +101,45 @@ def costly(point: Point) -> Record:
     return replace(planned(point), evaluations=100 * 2 ** (point.design // 2), segments=9, seconds=0.1)
 
 
+def known_front(point: Point) -> Record:
+    """Two objectives with a known front over ``x`` and ``y`` in [0, 1]: gamma = 1 - sqrt(delta) at y = 0 (as ZDT1).
+
+    FAKE_BAD: designs whose x is in the middle of so many parts of [0, 1] fail, are untrusted with objectives that would
+    be on any front, or have NaN beside such an objective, in turn. FAKE_SECONDS as in ``planned``.
+    """
+    time.sleep(float(os.environ.get("FAKE_SECONDS", "0")))
+    x, y = point.values["x"], point.values["y"]
+    g = 1 + 9 * y
+    metrics = {"delta": x, "rms": g * (1 - (x / g) ** 0.5), "stroke": x + y}
+    parts = int(os.environ.get("FAKE_BAD", "0"))
+    status, place = "OK", x * parts % 1
+    if parts and 0.25 < place < 0.5:
+        status = ("DIVERGED", "UNRESOLVED", "OK")[int(x * parts) % 3]
+        metrics = dict.fromkeys(metrics, float("nan") if status == "DIVERGED" else -9999.0)
+        if status == "OK":
+            metrics["delta"] = float("nan")
+    return Record(
+        key=point.key, design=point.design, environment=point.environment, values=point.values, status=status,
+        metrics=metrics,
+    )  # fmt: skip
+
+
+def parts_costs(kind: str, count: float, mass: float) -> tuple[float, float]:
+    """Objectives of a scene of parts: what is heavy is calm, what is little is cheap."""
+    calm = {"bnes": 1.0, "tmd": 1.5, "locked": 3.0}[kind]
+    return calm + 0.5 * (2 - count) + 1 / mass, {"bnes": 3.0, "tmd": 2.0, "locked": 1.0}[kind] * count + mass
+
+
+def parts(point: Point) -> Record:
+    """``parts_costs`` of the scene that the point really has."""
+    devices = point.scene.devices
+    delta, rms = parts_costs(devices[0].kind, len(devices), devices[0].mass)
+    return Record(
+        key=point.key, design=point.design, environment=point.environment, values=point.values, status="OK",
+        metrics={"delta": delta, "rms": rms},
+    )  # fmt: skip
+
+
 def tell(point: Point) -> Record:
     """What the environment holds of launchers and threads."""
     found = [
@@ -102,6 +148,15 @@ def tell(point: Point) -> Record:
         if name in os.environ
     ]
     return Record(key=point.key, design=0, environment=0, values={}, status="OK", message=" ".join(found))
+
+
+def talk(point: Point) -> Record:
+    raise ValueError("x" * 1_000_000)
+
+
+def who(point: Point) -> Record:
+    """The process that evaluates."""
+    return Record(key=point.key, design=0, environment=0, values={}, status="OK", message=str(os.getpid()))
 
 
 def die() -> None:
@@ -122,7 +177,7 @@ def main(directory: str, count: str, seconds: str = "0.01", *modes: str) -> int:
         header={"solver": "fake"},
         evaluator=f"{HERE}:evaluate",
         warm_ups=(),
-        time_limit=1.0,
+        time_limit=3.0,  # a busy machine may keep a good point waiting
     )
     code = 2
     try:

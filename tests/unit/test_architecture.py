@@ -12,7 +12,7 @@ import pytest
 ROOT = Path(__file__).resolve().parents[2]
 FILES = sorted([*(ROOT / "solvers").rglob("*.py"), *(ROOT / "sweep").rglob("*.py")])
 LAYERS = [  # a file imports from layers above its own line or from its own line, never from below
-    "point fields mistakes mend",
+    "point fields mistakes mend fatigue signals",
     "config",
     "metrics space pareto",
     "uncertainty",
@@ -21,7 +21,8 @@ LAYERS = [  # a file imports from layers above its own line or from its own line
     "store",
     "locks distribute resolve",
     "report",
-    "run series labels histories plot chart chart_plot stability stability_plot across across_plot",
+    "run series flows sensitivity labels histories signal_plots across across_plot audit peers",
+    "plot chart chart_plot stability stability_plot optimise",
     "submit",
     "cli",
     "__main__",
@@ -76,6 +77,8 @@ def offenders(who: str, whom: str, but: tuple[str, ...] = ()) -> list[str]:
         ("sweep.plot", "solvers"),
         ("sweep.histories", "solvers"),
         ("sweep.labels", "solvers"),
+        ("sweep.signals", "solvers"),
+        ("sweep.signal_plots", "solvers"),
     ],
 )
 def test_who_does_not_know_whom(who, whom):

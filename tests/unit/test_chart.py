@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import math
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -11,9 +12,10 @@ import pandas as pd
 import pytest
 import xarray as xr
 import yaml
+from rich.console import Console
 
-from solvers import Ask, End, Harmonic, Motion, Scene, Section, Window
-from sweep import chart, resolve
+from solvers import Ask, End, Harmonic, Motion, Scene, Section, Window, solve
+from sweep import chart, peers, report, resolve
 from sweep.chart_plot import save_chart
 from sweep.config import ConfigError, MetricSettings, parse_study
 from sweep.fields import dump
@@ -23,7 +25,9 @@ STRING = Scene(
     end_a=End(kind="pinned", position=(0, 0, 0)),
     end_b=End(kind="pinned", position=(10.02, 0, 0), motion=Motion(
         harmonics=(Harmonic(amplitude=(0, 0, 0.01), frequency=1.0),), window=Window(ramp_up=1.0, shape="smooth"))),
+    g=0.0,
 )  # fmt: skip
+GIVEN = {10: 0.0595, 80: 9.2e-4}  # errors of meshes of the string, against 80 Hermite elements at a tolerance of 1e-6
 CASE = chart.Case(
     name="string", scene=STRING, ask=Ask(duration=2.0, interval=0.02), settings=MetricSettings(baseline="plain")
 )
@@ -82,6 +86,44 @@ def test_figure(data: xr.Dataset, tmp_path: Path) -> None:
     assert save_chart(data, tmp_path / "chart.png").stat().st_size > 10_000
 
 
+@pytest.mark.skipif(not peers.installed(), reason="no other program is installed (the bench extra)")
+def test_other_programs_run_in_the_same_chart(data: xr.Dataset) -> None:
+    """Curves of their own, whose error falls with the mesh, never on our envelope, with no status that says OK."""
+    runs = data.to_dataframe()
+    able = [name for name in peers.installed() if not peers.unable(STRING, CASE.ask, name)]
+    assert set(runs["program"]) == {chart.OURS, *able}
+    for name in able:
+        theirs = runs[runs["program"] == name]
+        assert set(theirs["status"]) == {chart.UNCHECKED}
+        assert not theirs["envelope"].any()
+        fine = theirs[theirs["segments"] == theirs["segments"].max()]
+        assert fine["error"].min() < 0.5 * theirs[theirs["segments"] == theirs["segments"].min()]["error"].min()
+    text = report.charted(data, Console())
+    assert "times cheaper" in text
+
+
+def test_a_chaotic_chart_compares_means(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Runs called chaotic by decree (the bound is set to zero): means of three runs and their standard errors."""
+    monkeypatch.setattr(chart.pilot, "CHAOTIC", 0.0)
+    monkeypatch.setattr(chart, "ENSEMBLE", 3)
+    monkeypatch.setattr(chart, "MESHES", 2)
+    case = replace(chart.load_case(Path(__file__).parent / "tiny.yaml", 0.5), objectives=("delta", "stroke"))
+    found = chart.chart(case, tmp_path, ["lumped"], 1e-2, 1.0)
+    runs = found.to_dataframe()
+    assert found.attrs["chaotic"] == 1
+    assert set(runs["method"]) <= {"dopri5", "trbdf2", "esdirk4"}  # fixed steps do not land on impacts
+    assert "not run" in found.attrs["peers"]
+    row = runs.iloc[0]
+    ask = replace(case.ask, model="lumped", method=row["method"], segments=int(row["segments"]), tolerance=row["knob"])
+    means = chart.ensemble(case, ask, None).means["stroke"]
+    truth = found.attrs["reference_stroke"]
+    assert row["error_stroke"] == pytest.approx(abs(means - truth) / truth)
+    assert row["error"] == max(row["error_delta"], row["error_stroke"])
+    assert row["standard_error"] >= 0
+    assert "means of 3 perturbed runs" in report.charted(found, Console())
+    assert save_chart(found, tmp_path / "chart.png").stat().st_size > 10_000
+
+
 def test_what_a_chart_refuses(tmp_path: Path) -> None:
     scene = tmp_path / "scene.yaml"
     cable, end = "cable: [{length: 1.0, d: 0.1, mass: 1.0, EA: 1.0e5}]", "end_a: {kind: pinned, position: [0, 0, 0]}"
@@ -122,3 +164,19 @@ def test_the_mesh_of_a_study_is_settled_once(tmp_path: Path, monkeypatch: pytest
     assert json.loads((tmp_path / resolve.FILE).read_text())["ask"]["segments"] == 33
     assert parse_study(yaml.safe_load(settled.text)).ask == settled.ask
     assert resolve.resolve(settled, tmp_path) == (settled, {})
+
+
+@pytest.mark.parametrize(("segments", "said"), [(10, True), (80, False)])
+def test_check_says_where_a_given_mesh_is_too_coarse(segments: int, said: bool) -> None:
+    """A string of ten segments has ten nodes in its shortest wave and is 5.6 % off: no guard sees that."""
+    raw = {
+        "name": "given", "scene": dump(STRING), "metrics": {"baseline": "plain"}, "objectives": ["rms"],
+        "ask": {"duration": 2.0, "segments": segments, "interval": 0.02},
+    }  # fmt: skip
+    study = parse_study(raw)
+    run = solve(study.scene, study.ask)
+    error = resolve.mesh_error(study, run)
+    assert error is not None
+    assert error == pytest.approx(GIVEN[segments], rel=0.1)  # order 2 to a few percent: 0.0589 and 9.2e-4
+    assert bool(resolve.about_mesh(study, run)) == said
+    assert resolve.mesh_error(parse_study(raw | {"ask": {"duration": 2.0}}), run) is None

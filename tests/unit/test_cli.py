@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import os
 import subprocess
 import sys
 from pathlib import Path
@@ -12,9 +13,10 @@ import numpy as np
 import pytest
 import xarray as xr
 
-from sweep import open_study
+from sweep import evaluate, load_study, open_study
 from sweep.cli import main
 from sweep.report import one_point
+from sweep.space import points
 
 HERE = Path(__file__).parent
 TINY = HERE / "tiny.yaml"
@@ -200,3 +202,43 @@ def test_tables(here, command):
     ended = here(command)
     assert ended.returncode == 0
     assert len(ended.stdout.splitlines()) > 3
+
+
+def test_init_writes_a_study_that_checks_and_runs(here, tmp_path):
+    place = tmp_path / "new" / "study"
+    ended = here("init", place)
+    assert ended.returncode == 0, ended.stderr
+    assert sorted(path.name for path in place.iterdir()) == ["cable.yaml", "study.yaml"]
+    study = load_study(place / "study.yaml")
+    assert evaluate(next(points(study))).trusted
+    again = here("init", place)
+    assert (again.returncode, "cable.yaml and study.yaml already" in again.stderr) == (2, True)
+    (tmp_path / "file").touch()
+    assert here("init", tmp_path / "file").returncode == 2
+
+
+def test_sensitivity(tmp_path, here):
+    """A study of made-up runs, of which every twentieth raises: a table, a file, a figure, and what was left out.
+
+    With one variable the second and third design of a block are the same, and run as the second: of the designs 19,
+    39, ... 119 the runs of 59 and 119 are never made, and 19 and 79 take their twins with them.
+    """
+    study, out = tmp_path / "study.yaml", tmp_path / "out"
+    study.write_text(TINY.read_text().replace("{kind: sobol, n: 6, seed: 1}", "{kind: saltelli, n: 40, seed: 1}"))
+    modes = ",".join(["good"] * 19 + ["raise"])
+    ended = subprocess.run(
+        [sys.executable, "-m", "fake_sweep", "run", study, "--out", out],
+        env=os.environ | {"FAKE_MODES": modes, "PYTHONPATH": f"{HERE.parents[1]}:{HERE}"},
+        capture_output=True, text=True, timeout=300, check=False,
+    )  # fmt: skip
+    assert ended.returncode == 1, ended.stderr  # finished, with failed points
+    said = here("sensitivity", out, "--metric", "delta")
+    assert said.returncode == 0, said.stderr
+    for part in ("36 of 40 blocks of a saltelli design", "4 of 40 blocks left out, for 6 points", "EA1", "ST"):
+        assert part in said.stdout
+    with xr.open_dataset(out / "sensitivity.nc") as found:
+        assert np.isfinite(found["S1"].values).all()
+    assert (out / "figures" / "sensitivity.png").stat().st_size > 10_000
+    wrong = here("sensitivity", out, "--metric", "delt")
+    assert wrong.returncode == 2
+    assert "no metric `delt`" in wrong.stderr

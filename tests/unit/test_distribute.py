@@ -6,6 +6,7 @@ import os
 import signal
 import subprocess
 import sys
+import threading
 import time
 import types
 from pathlib import Path
@@ -13,8 +14,8 @@ from pathlib import Path
 import fakes
 import pytest
 
-from sweep import distribute
-from sweep.distribute import Alone, Job, map_points
+from sweep import child, distribute, supervise
+from sweep.distribute import Alone, Crew, Job, map_points
 from sweep.store import CannotWrite, DiskStore
 from sweep.supervise import CannotRun, Child
 
@@ -61,6 +62,59 @@ def test_memory_is_limited_in_leaps_and_in_small_steps():
     assert (found.status, found.message) == ("MEMORY", "passed the memory limit of 700 MB")
 
 
+def test_the_spare_child_is_as_one_that_is_started(tmp_path):
+    """A fork of a warm process: no launcher's variables, one thread, no file but its socket; it dies like any other."""
+    code = f"""
+import os, sys
+sys.path.insert(0, {str(Path(fakes.HERE).parent)!r})
+held = open({str(tmp_path / "held")!r}, "w")
+import fakes
+from sweep import distribute, supervise
+assert supervise.fork_spare()
+pid = supervise._spares[0].pid
+job = distribute.Job(evaluator={fakes.HERE + ":tell"!r}, warm_ups=(), time_limit=60.0)
+print(distribute.evaluate_alone(fakes.make(0), job).message)
+assert not supervise._spares
+assert not os.path.exists(f"/proc/{{pid}}")
+assert supervise.fork_spare()
+job = distribute.Job(evaluator={fakes.HERE + ":evaluate"!r}, warm_ups=(), time_limit=60.0)
+seen = []
+distribute.map_points([fakes.make(i, m) for i, m in enumerate(["good", "segfault", "good"])], job, distribute.Alone(),
+                      lambda done: seen.append(done.status))
+print(seen)
+"""
+    launched = {"PMI_RANK": "3", "SLURM_JOB_ID": "17", "OMP_NUM_THREADS": "1"}
+    ended = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, env=os.environ | launched)
+    assert ended.stdout.splitlines() == [
+        "OMP_NUM_THREADS=1 NUMBA_NUM_THREADS=1",
+        "['OK', 'CRASHED', 'OK']",
+    ], ended.stderr
+
+
+def test_nothing_is_forked_beside_threads_or_mpi(monkeypatch):
+    end = threading.Event()
+    beside = threading.Thread(target=end.wait)
+    beside.start()
+    assert not supervise.fork_spare()
+    end.set()
+    beside.join()
+
+
+def test_a_limit_below_what_the_program_takes_is_refused():
+    """Else every point of the study would be a row that says so."""
+    with pytest.raises(CannotRun, match=r"memory limit of 20 MB is less than the \d+ MB that it takes without a point"):
+        distribute.evaluate_alone(fakes.make(0), job(memory_limit=20.0))
+
+
+def test_long_messages_are_cut(tmp_path):
+    """An array printed in full, a million times, would fill disk and memory."""
+    found = distribute.evaluate_alone(fakes.make(0), job(evaluator=f"{fakes.HERE}:talk", time_limit=60.0))
+    assert found.message.startswith("ValueError: xxx")
+    assert found.message.endswith("characters)")
+    assert len(found.message) <= child.MOST_MESSAGE
+    assert child.brief("a\0b \udc80") == "a b ?"
+
+
 def test_the_share_of_memory_is_the_jobs(monkeypatch):
     monkeypatch.setenv("SLURM_MEM_PER_CPU", "2000")
     assert distribute.memory_share() == 1700
@@ -70,6 +124,7 @@ def test_the_share_of_memory_is_the_jobs(monkeypatch):
     monkeypatch.setenv("SLURM_MEM_PER_NODE", "4000")
     monkeypatch.setenv("SLURM_NTASKS_PER_NODE", "4")
     assert distribute.memory_share() == 600
+    assert distribute.memory_share(2) == 1500  # MPI has counted
 
 
 def test_the_child_sees_no_launcher_and_one_thread(monkeypatch):
@@ -157,11 +212,74 @@ def test_strangers_are_refused(monkeypatch, name, installed):
         distribute.world()
 
 
+def test_an_array_task_does_not_load_mpi(monkeypatch):
+    """Some MPIs end a process that they did not start."""
+    for name in ("mpi4py", "mpi4py.MPI"):
+        monkeypatch.delitem(sys.modules, name, raising=False)
+    monkeypatch.setenv("SLURM_NTASKS", "1")
+    assert distribute.world().size == 1
+    assert "mpi4py" not in sys.modules
+
+
+def test_a_second_ctrl_c_ends_a_run_at_once(monkeypatch):
+    monkeypatch.setattr(distribute, "IMPATIENT", 0.0)
+    with distribute.interruptible() as interrupt:
+        os.kill(os.getpid(), signal.SIGINT)
+        assert interrupt.name == "SIGINT"
+        with pytest.raises(KeyboardInterrupt):
+            os.kill(os.getpid(), signal.SIGINT)
+
+
 def test_stop_kills_the_child_at_once():
-    child = Child(f"{fakes.HERE}:evaluate")
-    child.submit(fakes.make(0, "loop"))
-    while not child._ready:
-        child.poll(0.1)
-    pid = child._process.pid
-    child.stop()
+    looping = Child(f"{fakes.HERE}:evaluate")
+    looping.submit(fakes.make(0, "loop"))
+    while not looping._ready:
+        looping.poll(0.1)
+    pid = looping._process.pid
+    looping.stop()
     assert not Path(f"/proc/{pid}").exists()
+
+
+# ------------------------------------------------------------------------------------------ batches
+
+
+def test_a_crew_keeps_its_child_from_batch_to_batch(tmp_path):
+    work = job(tmp_path, evaluator=f"{fakes.HERE}:who", batches=True)
+    with Crew(work, Alone()) as crew:
+        first, told = crew.map([fakes.make(0)])
+        second, _ = crew.map([fakes.make(i) for i in (1, 2, 3)])
+        assert crew.map([]) == ([], "")
+    assert told == ""
+    assert [row.key for row in first] == ["0000"]
+    assert sorted(row.key for row in second) == ["0001", "0002", "0003"]
+    assert len({row.message for row in (*first, *second)}) == 1
+    assert sorted(DiskStore(tmp_path).rows()) == ["0000", "0001", "0002", "0003"]
+    assert not Path(f"/proc/{first[0].message}").exists()
+
+
+def test_a_crew_that_is_interrupted_says_so_and_keeps_what_it_has(tmp_path):
+    def beat():
+        if len(DiskStore(tmp_path).rows()) >= 2:
+            os.kill(os.getpid(), signal.SIGTERM)
+
+    with Crew(job(tmp_path, batches=True), Alone(), beat=beat) as crew:
+        rows, told = crew.map([fakes.make(i, seconds=0.05) for i in range(20)])
+        assert told == "SIGTERM"
+        assert 2 <= len(rows) < 20
+        assert {row.key for row in rows} == set(DiskStore(tmp_path).rows())
+        assert crew.map([fakes.make(30)]) == ([], "SIGTERM")  # nothing is begun any more
+
+
+def test_a_failure_between_batches_ends_the_child(tmp_path):
+    before = signal.getsignal(signal.SIGTERM)
+    found = []
+
+    def fail():
+        with Crew(job(tmp_path, evaluator=f"{fakes.HERE}:who", batches=True), Alone()) as crew:
+            found.extend(crew.map([fakes.make(0)])[0])
+            raise ZeroDivisionError
+
+    with pytest.raises(ZeroDivisionError):
+        fail()
+    assert not Path(f"/proc/{found[0].message}").exists()
+    assert signal.getsignal(signal.SIGTERM) == before

@@ -228,6 +228,20 @@ def test_repeats_give_half_ranges(solver):
     assert record.metrics["delta_spread"] == pytest.approx((0.52**2 - 0.25) / 2)
     assert record.metrics["gamma_spread"] == pytest.approx((0.52**2 - 0.25) / 2)
     assert math.isnan(record.metrics["t_first_spread"])  # infinite in all three
+    assert record.metrics["delta_ensemble"] == pytest.approx((0.25 + 0.51**2 + 0.52**2) / 3)
+    assert math.isinf(record.metrics["t_first_ensemble"])
+
+
+def test_a_mean_over_repeats_needs_one_that_can_be_trusted(solver, monkeypatch):
+    def lonely(scene, ask):
+        found = solver(scene, ask)
+        return replace(found, status=Status.NO_STATIC) if ask.seed else found
+
+    monkeypatch.setattr(EVALUATOR, "solve", lonely)
+    record = evaluate(point(repeats=2, objectives=("delta_ensemble",)))
+    assert record.trusted
+    assert math.isnan(record.metrics["delta_ensemble"])
+    assert "delta_ensemble" not in evaluate(point(repeats=0, objectives=("delta_ensemble",))).metrics
 
 
 def test_series(solver):

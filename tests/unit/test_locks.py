@@ -44,7 +44,7 @@ def test_who_may_work_beside_whom(tmp_path, first, second, together):
 
 def test_another_form_of_the_study_is_refused(tmp_path):
     lock = acquire(tmp_path, "part0of2", STUDY)
-    with pytest.raises(Busy, match="another form of this study"):
+    with pytest.raises(Busy, match="another form of this study, or another --limit, there"):
         acquire(tmp_path, "part1of2", "f" * 16)
     assert [holder.part for holder in holders(tmp_path)] == ["part0of2"]
     lock.release()
@@ -107,11 +107,74 @@ def test_a_lock_of_another_host_goes_stale_by_the_file_servers_clock(tmp_path, m
 def test_an_earlier_turn_of_the_same_job_gives_way(tmp_path, monkeypatch):
     _left_behind(tmp_path, host="elsewhere", boot="another", job="17", turn=0)
     monkeypatch.setenv("SLURM_JOB_ID", "17")
-    monkeypatch.setattr(locks, "_gone", lambda job: False)
+    monkeypatch.setattr(locks, "_states", lambda jobs: {})
     with pytest.raises(Busy):
         acquire(tmp_path, "", STUDY)
     monkeypatch.setenv("SLURM_RESTART_COUNT", "1")
     acquire(tmp_path, "", STUDY).release()
+
+
+def test_of_slurms_word(tmp_path, monkeypatch):
+    """A job that SLURM does not know is gone; a suspended one lives, however long its lock is untouched; the numbers
+    and the jobs of other clusters and users say nothing."""
+    for job, changes, state, old, busy in (
+        ("17", {}, set(), False, False),
+        ("17", {}, {"RUNNING"}, False, True),
+        ("17", {}, {"RUNNING"}, True, False),
+        ("17", {}, {"SUSPENDED"}, True, True),
+        ("17", {"cluster": "other"}, set(), False, True),
+        ("17", {"user": -1}, set(), False, True),
+        ("", {}, set(), False, True),
+    ):
+        place = tmp_path / str(len(list(tmp_path.iterdir())))
+        place.mkdir()
+        _left_behind(place, host="elsewhere", boot="another", **{"job": job, "cluster": "here", **changes})
+        monkeypatch.setenv("SLURM_CLUSTER_NAME", "here")
+        monkeypatch.setattr(locks, "_states", lambda jobs, state=state: {job: state for job in jobs if job})
+        path = next((place / "locks").glob("*.lock"))
+        if old:
+            then = path.stat().st_mtime - locks.STALE - 1
+            os.utime(path, (then, then))
+        if busy:
+            with pytest.raises(Busy):
+                acquire(place, "", STUDY)
+        else:
+            acquire(place, "", STUDY).release()
+
+
+def test_slurm_is_asked_once_for_all(tmp_path, monkeypatch):
+    squeue = tmp_path / "squeue"
+    squeue.write_text(f"#!/bin/sh\necho asked >> {tmp_path}/asked\necho '17_3 RUNNING'; echo '18 SUSPENDED'\n")
+    squeue.chmod(0o755)
+    monkeypatch.setenv("PATH", f"{tmp_path}:{os.environ['PATH']}")
+    assert locks._states(["17_3", "18", "17_4", ""]) == {"17_3": {"RUNNING"}, "18": {"SUSPENDED"}, "17_4": set()}
+    assert (tmp_path / "asked").read_text() == "asked\n"
+    squeue.write_text("#!/bin/sh\nexit 1\n")
+    assert locks._states(["17_3"]) == {}
+
+
+def test_two_hosts_of_one_name_are_not_taken_for_one_that_was_started_anew(tmp_path):
+    _left_behind(tmp_path, boot="another")
+    with pytest.raises(Busy):
+        acquire(tmp_path, "", STUDY)
+    path = next((tmp_path / "locks").glob("*.lock"))
+    then = path.stat().st_mtime - 4 * locks.BEAT
+    os.utime(path, (then, then))
+    acquire(tmp_path, "", STUDY).release()
+
+
+def test_a_gate_that_was_opened_meanwhile_stays_closed(tmp_path):
+    """Two find it stale; the first has opened it and gone in when the second comes to open it."""
+    gate = tmp_path / "gate"
+    gate.mkdir()
+    old = gate.stat().st_mtime - locks.GATE_STALE - 1
+    os.utime(gate, (old, old))
+    seen = gate.stat()
+    assert locks._open_left(gate, seen)
+    gate.mkdir()
+    assert not locks._open_left(gate, seen)
+    assert gate.is_dir()
+    assert list(tmp_path.iterdir()) == [gate]
 
 
 def test_a_gate_left_closed_is_opened(tmp_path):
@@ -130,6 +193,29 @@ def test_a_lock_that_was_taken_is_noticed_and_left_alone(tmp_path, monkeypatch):
     assert lock.lost
     lock.release()
     assert lock.path.exists()
+
+
+def test_a_sick_file_server_does_not_take_the_lock(tmp_path, monkeypatch):
+    """What cannot be read for a while is not lost: the run goes on, and touches its lock when it can again."""
+    monkeypatch.setattr(locks, "BEAT", 0.02)
+    read, sick = locks.Path.read_text, threading.Event()
+
+    def stale(path, **words):
+        if sick.is_set() and path.suffix == ".lock":
+            seen.release()
+            raise OSError(116, "Stale file handle")
+        return read(path, **words)
+
+    seen = threading.Semaphore(0)
+    monkeypatch.setattr(locks.Path, "read_text", stale)
+    lock = acquire(tmp_path, "", STUDY)
+    sick.set()
+    assert all(seen.acquire(timeout=60) for _ in range(3))
+    sick.clear()
+    assert not lock.lost
+    assert lock._thread.is_alive()
+    lock.release()
+    assert not lock.path.exists()
 
 
 def test_a_folder_that_cannot_be_made_is_said(tmp_path):

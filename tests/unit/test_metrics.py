@@ -13,7 +13,7 @@ import pytest
 from study_kit import response, scene
 
 from solvers import BNES, PointMass, Section, Status
-from sweep.config import METRICS, MetricSettings, find_metric
+from sweep.config import METRICS, MetricSettings, find_metric, split_name
 from sweep.metrics import along, compute, count_jumps, metric_names, settling_index, span_mass, summarise
 
 T = np.linspace(0, 5, 5001)
@@ -302,4 +302,7 @@ def test_every_metric_is_described():
     assert find_metric("stroke_3", devices=2) is None
     assert find_metric("gamma_worst") is METRICS["gamma"]
     assert find_metric("delta_spread") is METRICS["delta"]
+    assert find_metric("delta_ensemble_worst") is METRICS["delta"]
+    names = ("delta", "gamma_ensemble", "stroke_2_mean")
+    assert [split_name(name)[0] for name in names] == ["delta", "gamma", "stroke_2"]
     assert find_metric("delta_2") is None

@@ -15,7 +15,7 @@ from test_rods import profiles
 from sweep import plot
 from sweep.labels import STYLE, label, metric_label, symbol
 from sweep.plot import PLOTS, plot_ea, plot_front, plot_parallel, points_of, save_plot
-from sweep.series import force_laws, orders, spectrum, wavelet
+from sweep.series import force_laws, orders, power, spectrum, stroke_wavelets, wavelet
 
 SENTENCE = re.compile(r"^[^\n]{10,200}$")
 
@@ -156,10 +156,85 @@ def environments(n=5):
     return found
 
 
+def flows(devices=3):
+    """Two devices that take what the cable loses, and a fixed mass that is not among them."""
+    t = np.linspace(0, 2, 201)
+    lost = np.stack([1 - np.exp(-t * k) for k in range(1, devices + 1)], axis=1)
+    joule = {"units": "J"}
+    ledger = {"lost_water": t, "lost_cable": 0.1 * t, "lost_seabed": 0 * t, "work": 9 * t}
+    ledger["lost_device"] = lost.sum(axis=1)
+    data = {name: ("time", values, joule) for name, values in ledger.items()}
+    data |= dict.fromkeys(("device_energy", "device_lost", "passed"), (("time", "device"), lost, joule))
+    data |= {"cable_energy": ("time", 5 * np.exp(-t), joule)}
+    kinds = ("device", np.array(["bnes"] * devices, dtype=object))
+    about = {"pulse_end": 0.5, "status": "OK", "key": "abcd", "design": 3, "devices": devices}
+    coords = {"time": ("time", t, {"units": "s", "long_name": "time"}), "device": np.arange(devices) + 1}
+    return xr.Dataset(data, coords=coords | {"device_kind": kinds}, attrs=about)
+
+
+def modal_energies(baseline=True):
+    t, f = np.linspace(0, 2, 201), np.array([1.0, 2, 4, 8, 16, 32, 64])
+    energy = np.exp(-np.outer(t, np.ones(7))) / f**2
+    above = np.array([8.0, 8 * np.sqrt(2), 16.0])
+    data = {"frequency": ("mode", f, {"units": "Hz"}), "mechanical": ("time", 1.1 * energy.sum(axis=1))}
+    for prefix in ("", "baseline_")[: 1 + baseline]:
+        data[f"{prefix}modal_energy"] = (("time", "mode"), energy)
+        data |= {f"{prefix}{name}": ("above", [0.3, 0.2, 0.1]) for name in ("before", "after")}
+    coords = {"time": ("time", t, {"units": "s", "long_name": "time"}), "above": above}
+    about = {"cut": above[1], "pulse_end": 0.5, "baseline": "locked", "key": "abcd", "design": 3, "status": "OK"}
+    return xr.Dataset(data, coords=coords, attrs=about)
+
+
+def tired():
+    arc, damage = np.linspace(0, 10, 11), np.geomspace(1e-6, 1e-3, 11)
+    data = {"range": ("bin", np.arange(5.0) * 20, {"units": "MPa"})}
+    for prefix in ("", "baseline_"):
+        data |= {f"{prefix}s": (f"{prefix}node", arc), f"{prefix}damage": (f"{prefix}node", damage)}
+        data |= {f"{prefix}cycles": ("bin", [50.0, 20, 5, 1, 0]), f"{prefix}done": ("bin", [1e-5, 1e-4, 2e-4, 1e-4, 0])}
+    about = {"error": 0.034, "device_s": [2.0, 5.0], "baseline": "locked", "key": "abcd", "design": 3, "status": "OK"}
+    return xr.Dataset(data, attrs=about)
+
+
+def probes(count=2):
+    """The probe's displacement of a point, of its baseline and of others over it."""
+    t = np.linspace(0, 2, 201)
+    metre = {"units": "m", "which": "EA1 = 1e+06, lumped"}
+    data = {"displacement": ("time", np.sin(9 * t), metre), "baseline_displacement": ("time", np.cos(9 * t))}
+    data |= {f"over{i}_displacement": (f"over{i}_time", i * np.sin(8 * t), metre) for i in range(1, count + 1)}
+    coords = {"time": ("time", t, {"units": "s"})} | {f"over{i}_time": t for i in range(1, count + 1)}
+    about = {"s": 4.7, "pulse_end": 0.5, "baseline": "locked", "key": "abcd", "design": 3}
+    return xr.Dataset(data, coords=coords, attrs=about)
+
+
+def sensitivities(kind="saltelli", metrics=("delta", "gamma"), variables=("EA1", "EA2")):
+    shape = (len(metrics), len(variables))
+    names = {"saltelli": ("S1", "ST"), "morris": ("mu_star", "mu", "sigma")}[kind]
+    data = {name: (("metric", "variable"), np.full(shape, 0.3 + 0.1 * i)) for i, name in enumerate(names)}
+    data |= {f"{name}_conf": (("metric", "variable"), np.full(shape, 0.05)) for name in names}
+    data |= {name: ("metric", [n] * shape[0]) for name, n in (("blocks", 64), ("complete", 60))}
+    data["variance"] = ("metric", [1.0] * (shape[0] - 1) + [np.nan])
+    coords = {"metric": list(metrics), "variable": list(variables)}
+    return xr.Dataset(data, coords=coords, attrs={"kind": kind, "sampler": kind, "study": "shaken"})
+
+
 DATA = {"loop": loops, "response": response}
 DATA |= {"wavelet": lambda: wavelet(series()), "spectrum": lambda: spectrum(series())}
+DATA |= {"power": lambda: power(series()), "stroke-wavelet": lambda: stroke_wavelets(series())}
+DATA |= {"fatigue": tired, "flow": flows, "modes": modal_energies, "compare": probes, "sensitivity": sensitivities}
 DATA |= dict.fromkeys(("front", "parallel", "ea"), study)
 DATA |= {"profile": profiles} | dict.fromkeys(("histories", "spectra"), environments)
+
+
+def searched():
+    """Three generations of a search, of which the first has no front."""
+    columns = {"evaluations": [50.0, 100, 150], "hypervolume": [np.nan, 0.2, 0.3]}
+    return xr.Dataset(
+        {name: ("generation", np.array(values)) for name, values in columns.items()},
+        attrs={"reference": '{"delta_ensemble": 0.7, "t_settle": 4.5}', "algorithm": "nsga2", "seed": 1},
+    )
+
+
+DATA |= {"hypervolume": searched}
 DATA |= {"force-law": force_laws, "force-angle": lambda: force_laws((0.0, 5.0, 10.0))}
 
 
@@ -359,8 +434,18 @@ def test_responses_fit_their_paper(panels, curves):
     assert all(ax.get_position().height > 0.2 for ax in figure.axes)
 
 
+def test_a_hypervolume_needs_a_front():
+    said = words(drawn("hypervolume"))
+    assert "0.3" in said
+    assert "Δ, ensemble = 0.7" in said
+    with pytest.raises(ValueError, match="no generation has a front"):
+        drawn("hypervolume", searched().isel(generation=[0]))
+
+
 def test_all_leaves_out_what_is_dear():
-    assert [name for name, entry in PLOTS.items() if entry.dear] == ["response", "histories", "spectra"]
+    assert [name for name, entry in PLOTS.items() if entry.dear] == [
+        "response", "histories", "spectra", "sensitivity",
+    ]  # fmt: skip
 
 
 def test_environments_say_what_became_of_them():
@@ -369,6 +454,47 @@ def test_environments_say_what_became_of_them():
         assert part in text
     alone = environments(1).drop_vars(["baseline_displacement", "baseline_displacement_amplitude"])
     assert all("baseline" not in words(drawn(kind, alone)) for kind in ("histories", "spectra"))
+
+
+def test_a_flow_says_both_losses():
+    text = words(drawn("flow"))
+    assert "sum of the devices' losses 2.844 J, ledger 2.844 J" in text
+    assert "lost to the bed" not in text
+
+
+def test_modes_say_how_much_is_above():
+    text = words(drawn("modes"))
+    assert "baseline 20 % in the pulse, 20 % after it; design 20 % in the pulse" in text
+    assert "above 11.3 Hz [%]" in text
+    assert "baseline" in words(drawn("modes", modal_energies(baseline=False)))  # in the legend alone
+
+
+def test_stroke_wavelets_show_the_devices_that_move():
+    figure = drawn("stroke-wavelet")
+    assert [ax.get_title(loc="left") for ax in figure.axes[:2]] == ["device 1 (bnes)", "device 2 (tmd)"]
+    with pytest.raises(ValueError, match="no device"):
+        stroke_wavelets(series().drop_vars("stroke"))
+
+
+def test_the_power_is_that_after_the_pulse():
+    assert power(series()).attrs["start"] == 0.5
+    assert power(series(pulse_end=1.8)).attrs["start"] == 0.0  # too little is left
+    found = power(series(pulse_end=0.0))
+    f = found["frequency"].values
+    assert f[int(found["displacement"].values.argmax())] == pytest.approx(2.0, abs=1 / 0.8)  # one bin
+
+
+@pytest.mark.parametrize("kind", ["saltelli", "morris"])
+@pytest.mark.parametrize("count", [1, 4])
+def test_sensitivities_fit_their_paper(kind, count):
+    metrics, variables = ("delta", "gamma", "rms", "t_settle")[:count], tuple(f"EA{i}" for i in range(2 * count))
+    figure = drawn("sensitivity", sensitivities(kind, metrics, variables))
+    figure.draw_without_rendering()
+    box = figure.get_tightbbox()
+    assert box.x0 > -0.05
+    assert box.x1 < figure.get_size_inches()[0] + 0.05
+    assert "no indices" in words(figure)
+    assert "60 of 64" in words(figure)
 
 
 @pytest.mark.parametrize("kind", ["history", "envelope"])

@@ -75,6 +75,7 @@ def test_the_schema_knows_the_new_fields():
         ({"ask__rods": 3.0, "variables": {}}, "ask.rods", "list"),
         ({"ask__model": "rod"}, "ask.rods", "only a hybrid has rods in places, not `rod`; write `model: hybrid`"),
         ({"ask__rho_space": 2.0}, "ask.rho_space", "1"),
+        ({"ask__rho_space": 0.5, "ask__duration": 1.0}, "ask.rho_space", "or write `duration: 0`"),
         ({"variables": {"joint": {"field": "ask.rod", "linear": [5, 9]}}}, "variables.joint.field", "`rods`"),
         ({"variables": {"joint": {"field": "ask.rods[2][0]", "linear": [5, 9]}}}, "variables.joint.field", "0 to 1"),
         ({"variables": {"joint": {"field": "ask.rods[1][0]", "linear": [5, 12]}}}, "variables.joint.linear[1]",

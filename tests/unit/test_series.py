@@ -24,7 +24,6 @@ from sweep.series import (
     directions,
     force_laws,
     jump_samples,
-    morlet,
     reduce,
     series_of,
     spectrum,
@@ -98,19 +97,6 @@ def test_marked_jumps_are_the_counted_ones(seed):
     found = jump_samples(y, y0)
     assert len(found) == count_jumps(y, y0) > 0
     assert all(y[i - 1] * y[i] <= 0 for i in found)
-
-
-def test_morlet_of_a_cosine():
-    """|X| = A/2 sqrt(omega_c/omega) pi^-1/4 sqrt(2 pi) on the ridge, far from the record's ends."""
-    t = np.arange(0, 20, 0.01)
-    f = np.array([1.5, 3.0, 6.0])
-    found = np.abs(morlet(0.7 * np.cos(2 * np.pi * 3.0 * t + 0.4), 0.01, f))
-    scale = 6.0 / (2 * np.pi * 3.0)
-    ridge = 0.35 * math.sqrt(scale) * np.pi**-0.25 * math.sqrt(2 * np.pi)
-    # the bell is cut at 10 s / scale = 31 standard deviations: only rounding remains
-    assert found[1, 1000] == pytest.approx(ridge, rel=1e-9)
-    assert found[0, 1000] < 1e-3 * ridge  # omega/2 looks at 2 omega_c: exp(-36/2)
-    assert found[2, 1000] < 0.02 * ridge  # 2 omega looks at omega_c/2: exp(-9/2)/sqrt(2) = 0.008
 
 
 def test_spectrum_and_wavelet_see_the_frequency(reduced):

@@ -140,11 +140,27 @@ def test_a_full_disk_is_a_sentence_and_costs_one_row(tmp_path):
     ):
         part.append(record("second"))
     assert caught.value.resumable
+    assert part.path.read_bytes().endswith(b"}\n")  # and so the next line stands on its own
+    part.append(record("room again"))
     part.close()
     again = DiskStore(tmp_path, "0", {"solver": "a"})
     again.append(record("third"))
     again.close()
-    assert set(again.rows()) == {"first", "third"}
+    assert set(again.rows()) == {"first", "room again", "third"}
+
+
+def test_rows_are_synced_though_no_other_follows(tmp_path, monkeypatch):
+    """A short point's row does not wait for that of the long point after it."""
+    part = DiskStore(tmp_path, "0")
+    part.append(record("first"))
+    part.append(record("second"))
+    assert part._unsynced
+    part.tick()
+    assert part._unsynced
+    monkeypatch.setattr(store, "SYNC_SECONDS", 0.0)
+    part.tick()
+    assert not part._unsynced
+    part.close()
 
 
 def test_turns_order_duplicates_where_clocks_differ(tmp_path, monkeypatch):
@@ -157,6 +173,21 @@ def test_turns_order_duplicates_where_clocks_differ(tmp_path, monkeypatch):
         part.close()
     assert DiskStore(tmp_path, "2").rows()["00"].metrics["a"] == 2.0
     assert next(Replay(tmp_path, Keys.of(["00"])).records([0])).metrics["a"] == 2.0
+
+
+def test_a_journal_that_cannot_be_read_is_said(tmp_path):
+    (tmp_path / "parts" / "journal-0.jsonl").mkdir(parents=True)
+    with pytest.raises(StoreError, match=r"cannot read .*journal-0\.jsonl"):
+        Replay(tmp_path, Keys.of(["00"]))
+
+
+def test_a_week_of_requeued_arrays_has_many_turns(tmp_path):
+    for turn, value in ((70_000, 1.0), (70_001, 2.0)):
+        part = DiskStore(tmp_path, "0", turn=turn)
+        part.append(record("00", "TIMEOUT", a=value))
+        part.close()
+    replay = Replay(tmp_path, Keys.of(["00"]))
+    assert (replay.turn, next(replay.records([0])).metrics["a"]) == (70_001, 2.0)
 
 
 @pytest.mark.parametrize(
@@ -234,6 +265,91 @@ def test_results_made_in_pieces_are_the_same(folder, monkeypatch):
         monkeypatch.setattr(store, "PIECE", piece)
         with xr.open_dataset(store.merge(out)) as made:
             xr.testing.assert_identical(made.load(), whole)
+
+
+@pytest.fixture
+def copy(folder, tmp_path):
+    """The folder's study and plan, and a copy of it without results."""
+    whole, plan, out = folder
+    shutil.copytree(out, tmp_path / "copy")
+    (tmp_path / "copy" / "results.nc").unlink(missing_ok=True)
+    return whole, plan, tmp_path / "copy"
+
+
+def _rows_while_it_is_made(monkeypatch, do) -> None:
+    """Let something happen once, after a merge has read the journals and before it writes."""
+    stream, left = store._stream, [do]
+
+    def slow(*words):
+        if left:
+            left.pop()()
+        stream(*words)
+
+    monkeypatch.setattr(store, "_stream", slow)
+
+
+def test_rows_that_come_during_a_merge_are_not_hidden_by_its_file(copy, monkeypatch):
+    _, plan, out = copy
+
+    def write():
+        part = DiskStore(out, "9", {"solver": "a"})
+        part.append(_changed(plan, 3))
+        part.close()
+
+    _rows_while_it_is_made(monkeypatch, write)
+    store.merge(out)
+    with xr.open_dataset(out / "results.nc") as made:
+        assert made["delta"].values[3] == 1.0
+    assert open_study(out)["delta"].values[3] == -5.0
+
+
+def _changed(plan, i):
+    return replace(_row(plan, i, "OK"), metrics={"delta": -5.0})
+
+
+def test_a_slow_merge_does_not_replace_the_file_of_a_later_one(copy, monkeypatch):
+    _, plan, out = copy
+
+    def overtake():
+        part = DiskStore(out, "9", {"solver": "a"})
+        part.append(_changed(plan, 3))
+        part.close()
+        store.merge(out)
+
+    _rows_while_it_is_made(monkeypatch, overtake)
+    store.merge(out)
+    with xr.open_dataset(out / "results.nc") as made:
+        assert made["delta"].values[3] == -5.0
+    assert [path.name for path in out.glob(".*")] == []
+
+
+def test_a_plan_that_is_newer_than_the_results_counts(copy):
+    """A changed study that was stopped before its first row."""
+    _, _, out = copy
+    store.merge(out)
+    prepare(parse_study(yaml.safe_load(TINY.read_text())), out)
+    assert open_study(out).sizes["point"] == 6
+
+
+def test_a_study_and_a_plan_of_another_are_not_taken_together(copy):
+    """Killed between the two files; the next run puts it right, whichever of the studies it has."""
+    whole, _, out = copy
+    other = parse_study(yaml.safe_load(TINY.read_text()))
+    (out / "study.yaml").write_text(other.text)
+    with pytest.raises(StoreError, match=r"plan\.json is not of study\.yaml"):
+        store.merge(out)
+    prepare(whole, out)
+    assert store.contents(out)[0].text == whole.text
+
+
+def test_what_killed_merges_leave_is_removed(copy):
+    _, _, out = copy
+    for name, age in ((".results.nc.elsewhere.7", 2 * store.ABANDONED), (".results.nc.elsewhere.8", 0.0)):
+        (out / name).touch()
+        then = (out / name).stat().st_mtime - age
+        store.os.utime(out / name, (then, then))
+    store.merge(out)
+    assert [path.name for path in out.glob(".*")] == [".results.nc.elsewhere.8"]
 
 
 def test_write_whole_leaves_the_old_file_where_the_new_one_fails(tmp_path):

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import signal
 import subprocess
 import sys
 import time
@@ -13,12 +14,13 @@ import fakes
 import numpy as np
 import pytest
 import yaml
+from typer.testing import CliRunner
 
-from sweep import run, submit
+from sweep import cli, locks, run, submit
 from sweep.config import parse_study
 from sweep.mistakes import ConfigError
 from sweep.plan import read_plan
-from sweep.store import DiskStore, Replay, StoreError
+from sweep.store import DiskStore, Replay, StoreError, prepare
 from sweep.submit import Request, Site, load_site, plan_costs, render, scripts
 from sweep.supervise import CannotRun
 
@@ -32,10 +34,10 @@ def headers(text: str) -> dict[str, str]:
     return {name[2:]: value for name, _, value in (line.partition("=") for line in lines)}
 
 
-@pytest.mark.parametrize("name", ["array", "mpi", "merge"])
+@pytest.mark.parametrize("name", ["array", "mpi", "optimise", "merge"])
 def test_scripts_are_good_bash_and_carry_the_sites_options(tmp_path, name):
     options = {"partition": "long", "time": "12:00:00", "exclusive": True, "mem-per-cpu": None}
-    site = Site(options=options, setup=("module load x",))
+    site = Site(options=options, setup=("module load x",), node_cache=True, launch="srun --mpi=pmix")
     text = render(name, site, site.options)
     found = headers(text)
     assert found["partition"] == "long"
@@ -43,6 +45,8 @@ def test_scripts_are_good_bash_and_carry_the_sites_options(tmp_path, name):
     assert found["exclusive"] == ""
     assert "mem-per-cpu" not in found
     assert "module load x" in text.splitlines()
+    assert 'export CABLE_SWEEP_CACHE="${TMPDIR:-/tmp}/cable-sweep-$(id -un)"' in text.splitlines()
+    assert "LAUNCH='srun --mpi=pmix'" in text.splitlines()
     assert ".venv" not in text
     for script in (text, (ROOT / f"slurm/{name}.sbatch").read_text()):
         assert subprocess.run(["bash", "-n"], input=script, text=True, check=False).returncode == 0
@@ -64,6 +68,21 @@ def test_command_line_wins_and_a_large_array_is_split():
     assert made[-1].options[0] == "--dependency=afterany:{jobs}"
 
 
+def test_a_search_is_one_job_of_ranks_and_a_merge(tmp_path):
+    out = tmp_path / "out"
+    words = ["submit", str(TINY), "--out", str(out), "--optimise", "--evaluations", "40", "--dry-run"]
+    said = CliRunner().invoke(cli.app, [*words, "--ranks", "3"])
+    assert said.exit_code == 0, said.output
+    assert f"optimise.sbatch {out}/study.yaml {out} --evaluations=40" in said.output
+    assert "--ntasks=3" in said.output
+    assert '-m sweep optimise "$study" --out "$folder"' in said.output
+    assert "merge.sbatch" in said.output
+    assert not out.exists()
+    for wrong in (["--array", "3"], ["--ranks", "3", "--limit", "5"], ["--ranks", "3", "--retry", "failed"]):
+        refused = CliRunner().invoke(cli.app, [*words, *wrong])
+        assert (refused.exit_code, "generation" in refused.output) == (2, True), refused.output
+
+
 def test_every_mistake_of_a_site_is_said_at_once(tmp_path):
     path = tmp_path / "site.yaml"
     path.write_text("options: {time: 12:00:00, -p: short, array: 0-3, account: a b}\n")
@@ -75,7 +94,7 @@ def test_every_mistake_of_a_site_is_said_at_once(tmp_path):
     path.write_text("lunch: srun\n")
     with pytest.raises(ConfigError, match="launch"):
         load_site(path)
-    assert load_site(ROOT / "slurm/site.yaml").launch.startswith("srun --mpi=pmi2 --kill-on-bad-exit=1")
+    assert load_site(ROOT / "slurm/site.yaml").launch == Site().launch == "mpirun"
 
 
 def test_files_are_counted_by_tasks(tmp_path, monkeypatch):
@@ -120,6 +139,9 @@ def test_costs_come_from_rows_and_done_points_cost_nothing(tmp_path):
 def test_a_job_that_makes_no_progress_is_not_requeued_for_ever(tmp_path, monkeypatch):
     study = parse_study(STUDY)
     settings = run.Settings(directory=tmp_path, evaluator=f"{fakes.HERE}:planned", warm_ups=(), part=(0, 2))
+    once = DiskStore(tmp_path, "part0of2-9", run.provenance(study))  # of a rank that there was in an earlier run
+    once.append(replace(fakes.evaluate(fakes.make(0)), key="0" * 16))
+    once.close()
     for _ in range(run.FRUITLESS):
         part = DiskStore(tmp_path, "part0of2-0", run.provenance(study))
         part.open()
@@ -131,6 +153,103 @@ def test_a_job_that_makes_no_progress_is_not_requeued_for_ever(tmp_path, monkeyp
     assert run.run(study, settings).exit_code == 0
     monkeypatch.setenv("SLURM_RESTART_COUNT", "3")
     assert run.run(study, replace(settings, part=(1, 2))).results is not None  # the last slice makes the file
+
+
+def test_a_requeued_job_retries_nothing_that_it_has_done(tmp_path, monkeypatch):
+    """Else a point that fails each time would be run in every turn, and the study might never end."""
+    study = parse_study(STUDY)
+    monkeypatch.setenv("FAKE_MODES", "raise,good")
+    settings = run.Settings(directory=tmp_path, evaluator=f"{fakes.HERE}:planned", warm_ups=())
+    assert run.run(study, settings).exit_code == 1
+    retry = replace(settings, retry=frozenset({"failed"}))
+    monkeypatch.setenv("SLURM_JOB_ID", "17")
+    assert run.run(study, retry).before == 6  # the job's first turn runs the failed ones again
+    monkeypatch.setenv("SLURM_RESTART_COUNT", "1")
+    assert run.run(study, retry).before == 12
+    monkeypatch.setenv("SLURM_JOB_ID", "18")
+    monkeypatch.setenv("SLURM_RESTART_COUNT", "0")
+    assert run.run(study, retry).before == 6  # submitted again, by the user's will
+
+
+def test_a_job_that_never_begins_is_not_requeued_for_ever(tmp_path, monkeypatch):
+    """A launcher that fails leaves no trace but the count of restarts; `status --missing` is what the script asks."""
+    study = parse_study(STUDY)
+    settings = run.Settings(directory=tmp_path, evaluator=f"{fakes.HERE}:planned", warm_ups=(), limit=3)
+    assert run.run(study, settings).exit_code == 0
+    words = ["status", str(tmp_path), "--missing"]
+    assert CliRunner().invoke(cli.app, words).exit_code == 0
+    assert run.run(study, replace(settings, limit=None, part=(0, 2))).exit_code == 0
+    assert CliRunner().invoke(cli.app, words).exit_code == 3
+    monkeypatch.setenv("SLURM_JOB_ID", "17")
+    monkeypatch.setenv("SLURM_RESTART_COUNT", "3")
+    with pytest.raises(CannotRun, match="job 17 was started 4 times and never began to write"):
+        CliRunner().invoke(cli.app, words, catch_exceptions=False)
+    with pytest.raises(CannotRun, match="never began to write"):
+        run.run(study, settings)
+
+
+def test_slices_with_and_without_a_limit_do_not_work_side_by_side(tmp_path):
+    """They would cut the study differently, and run points twice."""
+    study = parse_study(STUDY)
+    settings = run.Settings(directory=tmp_path, evaluator=f"{fakes.HERE}:planned", warm_ups=(), part=(0, 2))
+    limited = locks.acquire(tmp_path, "part1of2", run.lock_digest(run.provenance(study), replace(settings, limit=3)))
+    with pytest.raises(locks.Busy, match="--limit"):
+        run.run(study, settings)
+    limited.release()
+    assert run.run(study, settings).planned == 6
+
+
+def test_a_signal_before_the_first_point_ends_a_run_in_good_order(tmp_path, monkeypatch):
+    """While journals are read, say: the next turn begins as if nothing had been."""
+    study = parse_study(STUDY)
+    settings = run.Settings(directory=tmp_path, evaluator=f"{fakes.HERE}:planned", warm_ups=())
+    prepare = run.prepare
+
+    def told(*words):
+        os.kill(os.getpid(), signal.SIGUSR1)
+        return prepare(*words)
+
+    monkeypatch.setattr(run, "prepare", told)
+    ended = run.run(study, settings)
+    assert (ended.exit_code, ended.interrupted, ended.results) == (3, "SIGUSR1", None)
+    assert list((tmp_path / "locks").iterdir()) == []
+    monkeypatch.setattr(run, "prepare", prepare)
+    merge = run.merge
+
+    def told_late(*words):
+        os.kill(os.getpid(), signal.SIGTERM)
+        return merge(*words)
+
+    monkeypatch.setattr(run, "merge", told_late)
+    ended = run.run(study, settings)
+    assert (ended.exit_code, ended.results) == (0, tmp_path / "results.nc")  # the file is made all the same
+
+
+def test_a_million_failures_with_numbers_of_their_own_are_one_line(tmp_path):
+    study = parse_study(STUDY)
+    plan = prepare(study, tmp_path)
+    part = DiskStore(tmp_path, "0", {"solver": "a"})
+    for i in range(len(plan)):
+        row = fakes.evaluate(fakes.make(i))
+        part.append(replace(row, key=plan.keys[i], status="DIVERGED", message=f"diverged at t = 0.{i + 1}"))
+    part.close()
+    assert run.tally(Replay(tmp_path, plan.keys), plan.slice(0, 1)) == {("DIVERGED", "diverged at t = 0.1"): 12}
+
+
+def test_a_log_on_a_full_disk_does_not_change_the_exit_code():
+    with open("/dev/full", "w") as full:
+        ended = subprocess.run([sys.executable, "-m", "sweep", "metrics"], stdout=full, cwd=ROOT, check=False)
+    assert ended.returncode == 0
+
+
+def test_torn_lines_of_the_list_of_jobs_are_passed_over(tmp_path, monkeypatch):
+    (tmp_path / "jobs").mkdir()
+    (tmp_path / "jobs" / "submitted.jsonl").write_text('{"job": "17", "kind": "array"}\n{"job": "1')
+    (tmp_path / "squeue").write_text("#!/bin/sh\necho 17\n")
+    (tmp_path / "squeue").chmod(0o755)
+    monkeypatch.setenv("PATH", f"{tmp_path}:{os.environ['PATH']}")
+    with pytest.raises(locks.Busy, match="jobs 17 of"):
+        submit._not_queued(tmp_path)
 
 
 # ------------------------------------------------------------------------------------------ compiled kernels

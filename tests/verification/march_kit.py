@@ -14,7 +14,7 @@ from solvers.methods.march import C_EVALUATIONS, C_STEPS, make_ends, make_output
 from solvers.model import Status
 
 REFERENCE = Path(__file__).resolve().parents[1] / "reference"
-TABLES = {"dopri5": explicit.DOPRI5, "rk4": explicit.RK4, "rk2": explicit.RK2}
+TABLES = {"dopri5": explicit.DOPRI5, "tsit5": explicit.TSIT5, "rk4": explicit.RK4, "rk2": explicit.RK2}
 FLOOR = 1e-12  # J: errors of an oscillator are relative from the start
 
 

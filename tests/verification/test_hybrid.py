@@ -26,7 +26,9 @@ from solvers import (
     needs,
     solve,
 )
+from solvers.catalogue import March, limits_of, marched, static_state
 from solvers.lines.rod import RodModel, domains
+from solvers.methods.march import C_STEPS
 from solvers.model import Feature
 
 SWELL = Motion(
@@ -88,6 +90,32 @@ def test_windows_leave_no_seam() -> None:
     for name in ("work", "lost_water", "lost_seabed", "kinetic"):
         assert np.all(np.isfinite(run.signals[name]))
         assert np.abs(run.signals[name] - whole.signals[name]).max() < 0.02 * scale, name
+
+
+@pytest.mark.parametrize("method", ["genalpha", "trbdf2"])
+def test_a_march_goes_on_where_it_ended(method: str) -> None:
+    """Half a second in two marches is that in one: to rounding by fixed steps; by TR-BDF2 without a new start, which
+    costs 10 steps and more, and to its own tolerance."""
+    model = RodModel(JUMPER, 60, ((0.0, 30.0),))
+    status, q, note = static_state(model)
+    assert status == Status.OK, note
+    ask = Ask(model="hybrid", method=method, step=0.02 if method == "genalpha" else None, duration=2.0)
+    limits, still = limits_of(model, ask, method, model.fastest(q)), np.zeros(model.ndof)
+
+    def march(start: float, stop: float, before: March | None = None) -> March:
+        cut = np.array([start, stop])
+        found = marched(model, ask, method, limits, q, still, cut, cut, before)
+        assert found.code == Status.OK
+        return found
+
+    whole, half = march(0.0, 2.0), march(0.0, 1.0)
+    first = int(half.out.counts[C_STEPS])
+    rest = march(1.0, 2.0, half)
+    steps = first + int(rest.out.counts[C_STEPS])
+    assert whole.out.counts[C_STEPS] <= steps <= whole.out.counts[C_STEPS] + 2
+    moved = np.abs(whole.ends.q[0] - q)[model.pack.r[:, None] + np.arange(3)].max()
+    off = np.abs(rest.ends.q[0] - whole.ends.q[0])[model.pack.r[:, None] + np.arange(3)].max()
+    assert off < (1e-9 if method == "genalpha" else 1e-2) * moved
 
 
 def test_late_output_is_the_same() -> None:

@@ -59,7 +59,7 @@ def test_table_identities(name):
             assert b @ phi == pytest.approx(1 / gamma, abs=1e-14)
     if table.order < 5:
         assert any(abs(b @ phi - 1 / gamma) > 1e-3 for phi, gamma in conditions[table.order + 1])
-    if name == "dopri5":  # the embedded formula is of order 4 and no more
+    if name in ("dopri5", "tsit5"):  # the embedded formula is of order 4 and no more
         b_hat = b - e
         for order in range(1, 5):
             for phi, gamma in conditions[order]:
@@ -92,6 +92,7 @@ def exact() -> np.ndarray:
         ("rk2", 2, (200, 400, 800), {}),
         ("rk4", 4, (50, 100, 200), {}),
         ("dopri5", 5, (30, 60, 120), {}),
+        ("tsit5", 5, (30, 60, 120), {}),
         ("genalpha", 2, (200, 400, 800), {"rho": 1.0}),
         ("genalpha", 2, (200, 400, 800), {"rho": 0.5}),
         ("genalpha", 2, (200, 400, 800), {"rho": 0.0}),

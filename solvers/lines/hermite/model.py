@@ -267,7 +267,7 @@ class HermiteModel:
         first = (self.mesh.s[:-1, None] + np.outer(self.h, BEST)).ravel()
         few = slice(0, 4), slice(-4, None)
         for k, (x, part) in enumerate(zip((0.0, float(self.mesh.s[-1])), few, strict=True)):
-            known = best.reshape(nt, -1)[:, part]
+            known = best.reshape(nt, m * best.shape[2])[:, part]
             curvature[:, -k] = known @ _lagrange(first[part], np.array([x]))[0]
         return at, speed, tension, curvature
 

@@ -24,6 +24,8 @@ from __future__ import annotations
 
 import math
 
+import numpy as np
+
 from ...algebra import add_diagonal, add_to, axpy, dot, load, row, scale, unit
 from ...banded import factor_pivoting, substitute_pivoting
 from ...compile import inlined, kernel
@@ -679,7 +681,7 @@ def frame_rate(q, v, cq, cv, i, pack, J):
 
 
 def tangent(t, q, v, a, cq, cv, ca, pack, J):
-    """Clears and fills what the factors read; the rest of the storage, most of it in catenary rows, stays as it is."""
+    """Clears and fills what is read of it; the rest of the storage, most of it in catenary rows, stays as it is."""
     for i in range(len(J)):
         for m in range(pack.bw + pack.clear[i, 0] - i, pack.bw + pack.clear[i, 1] - i + 1):
             J[i, m] = 0.0
@@ -701,11 +703,173 @@ def constrained(pack):
 
 
 def factorise(pack, J):
-    return factor_pivoting(J, pack.bw, pack.first, pack.low, pack.high, pack.order, pack.end, pack.largest)
+    """In place without catenaries; else J stays, and the small system is factored."""
+    if len(pack.small.slot) == 0:
+        return factor_pivoting(J, pack.bw, pack.first, pack.low, pack.high, pack.order, pack.end, pack.largest)
+    s = pack.small
+    if not condense(pack.rod, pack.head, pack.row, pack.r, pack.N, pack.bw, pack.first, pack.high, s, J):
+        return False
+    return factor_pivoting(s.J, s.bw, s.first, s.low, s.high, s.order, s.end, s.largest)
 
 
 def backsolve(pack, J, x):
-    substitute_pivoting(J, pack.bw, pack.low, pack.order, pack.end, x)
+    if len(pack.small.slot) == 0:
+        substitute_pivoting(J, pack.bw, pack.low, pack.order, pack.end, x)
+        return
+    s = pack.small
+    condense_right(pack.rod, pack.head, pack.row, pack.N, pack.bw, s, J, x)
+    substitute_pivoting(s.J, s.bw, s.low, s.order, s.end, s.x)
+    expand(pack.rod, pack.head, pack.row, pack.r, pack.N, pack.bw, s, J, x)
+
+
+@kernel
+def symmetric_times(G, e, u):
+    """The symmetric matrix in row e of G times u."""
+    return (
+        G[e, 0] * u[0] + G[e, 3] * u[1] + G[e, 4] * u[2],
+        G[e, 3] * u[0] + G[e, 1] * u[1] + G[e, 5] * u[2],
+        G[e, 4] * u[0] + G[e, 5] * u[1] + G[e, 2] * u[2],
+    )
+
+
+@kernel
+def invert(J, bw, k, j, G, e):
+    """G[e] = -(block (k, j) of J)^-1, which is symmetric. False where it has none."""
+    c = bw + j - k
+    a11, a22, a33 = -J[k, c], -J[k + 1, c], -J[k + 2, c]
+    a12, a13, a23 = -J[k, c + 1], -J[k, c + 2], -J[k + 1, c + 1]
+    c11, c12, c13 = a22 * a33 - a23 * a23, a13 * a23 - a12 * a33, a12 * a23 - a13 * a22
+    det = a11 * c11 + a12 * c12 + a13 * c13
+    if not (abs(det) > 0.0):
+        return False
+    f = 1.0 / det
+    G[e, 0], G[e, 1], G[e, 2] = f * c11, f * (a11 * a33 - a13 * a13), f * (a11 * a22 - a12 * a12)
+    G[e, 3], G[e, 4], G[e, 5] = f * c12, f * c13, f * (a12 * a13 - a11 * a23)
+    return True
+
+
+@kernel
+def clear(A, i, start, stop):
+    """A[i, start:stop] = 0, with unsigned numbers, which numba does not look for negative ones among."""
+    row = np.uint64(i)
+    for m in range(np.uint64(start), np.uint64(max(start, stop))):
+        A[row, m] = 0.0
+
+
+@kernel
+def copy_row(A, i, start, J, k, first, count):
+    """A[i, start : start + count] = J[k, first : first + count]."""
+    row, other, into, of = np.uint64(i), np.uint64(k), np.uint64(start), np.uint64(first)
+    for m in range(np.uint64(0), np.uint64(count)):
+        A[row, into + m] = J[other, of + m]
+
+
+@kernel
+def condense(rod, head, row, r, N, bw, first, high, s, J):
+    """The small system of a tangent. With x_j, x_k of the nodes of a catenary element, its rows read
+
+        a1 r_k - a0 r_j - Y (N_j + N_k) = f        A0 r_j + A1 r_k + b (N_j - N_k) = g
+
+    so that 2 N_j = S - D and 2 N_k = S + D with S = Y^-1 (a1 r_k - a0 r_j - f) and D = (A0 r_j + A1 r_k - g)/b. Where
+    two catenary elements meet, N_k of the one is N_j of the other: three equations in the positions of three nodes.
+    """
+    A, cw, slot = s.J, s.bw, s.slot
+    for k in range(len(s.plain)):
+        i = s.plain[k]
+        c = slot[i]
+        start, into, of = cw + s.clear[c, 0] - c, cw + slot[first[i]] - c, bw + first[i] - i
+        width = high[i] - first[i] + 1
+        clear(A, c, start, into)
+        copy_row(A, c, into, J, i, of, width)
+        clear(A, c, into + width, cw + s.clear[c, 1] - c + 1)
+    for e in range(len(row)):
+        if rod[e]:
+            continue
+        for m in range(0 if head[e] else 3, 6):
+            c = slot[row[e] + m]
+            clear(A, c, cw + s.clear[c, 0] - c, cw + s.clear[c, 1] - c + 1)
+    for e in range(len(row)):
+        if rod[e]:
+            continue
+        k = row[e]
+        b = J[k + 3, bw + N[e] - k - 3]
+        if b == 0.0 or not invert(J, bw, k, N[e], s.pull, e):
+            return False
+        G = s.pull
+        a0, a1 = -J[k, bw + r[e] - k], J[k, bw + r[e + 1] - k]
+        near = slot[k] if head[e] else slot[row[e - 1] + 3]
+        far = slot[k + 3]
+        rj, rk = slot[r[e]], slot[r[e + 1]]
+        half = 0.5 / b
+        for m in range(3):
+            if m == 0:
+                u = G[e, 0], G[e, 3], G[e, 4]
+            elif m == 1:
+                u = G[e, 3], G[e, 1], G[e, 5]
+            else:
+                u = G[e, 4], G[e, 5], G[e, 2]
+            i, j = near + m, far + m
+            o, p, q = k + 3 + m, bw + r[e] - k - 3 - m, bw + r[e + 1] - k - 3 - m
+            near_j, near_k, far_j, far_k = cw + rj - i, cw + rk - i, cw + rj - j, cw + rk - j
+            for n in range(3):
+                x0, x1 = 0.5 * a0 * u[n], 0.5 * a1 * u[n]
+                y0, y1 = half * J[o, p + n], half * J[o, q + n]
+                A[i, near_j + n] += x0 + y0
+                A[i, near_k + n] += y1 - x1
+                A[j, far_j + n] += y0 - x0
+                A[j, far_k + n] += x1 + y1
+            if head[e]:
+                A[i, cw + slot[N[e]] + m - i] = 1.0
+            if e + 1 == len(row) or rod[e + 1]:
+                A[j, cw + slot[N[e + 1]] + m - j] = -1.0
+    return True
+
+
+@kernel
+def condense_right(rod, head, row, N, bw, s, J, x):
+    """s.x = the right side x of the small system."""
+    for k in range(len(s.plain)):
+        s.x[s.slot[s.plain[k]]] = x[s.plain[k]]
+    for e in range(len(row)):
+        if rod[e]:
+            continue
+        k = row[e]
+        half = 0.5 / J[k + 3, bw + N[e] - k - 3]
+        u = symmetric_times(s.pull, e, (x[k], x[k + 1], x[k + 2]))
+        near, far = s.slot[k] if head[e] else s.slot[row[e - 1] + 3], s.slot[k + 3]
+        for m in range(3):
+            g = half * x[k + 3 + m]
+            if head[e]:
+                s.x[near + m] = g - 0.5 * u[m]
+            else:
+                s.x[near + m] += g - 0.5 * u[m]
+            s.x[far + m] = g + 0.5 * u[m]
+
+
+@kernel
+def expand(rod, head, row, r, N, bw, s, J, x):
+    """x = the solution, of the small one s.x and the right side that x still is."""
+    y, slot = s.x, s.slot
+    for e in range(len(row)):
+        if rod[e] or head[e]:
+            continue
+        k, rj, rk = row[e], slot[r[e]], slot[r[e + 1]]
+        half = 0.5 / J[k + 3, bw + N[e] - k - 3]
+        a0, a1 = -J[k, bw + r[e] - k], J[k, bw + r[e + 1] - k]
+        u = symmetric_times(s.pull, e, (
+            a1 * y[rk] - a0 * y[rj] - x[k],
+            a1 * y[rk + 1] - a0 * y[rj + 1] - x[k + 1],
+            a1 * y[rk + 2] - a0 * y[rj + 2] - x[k + 2],
+        ))  # fmt: skip
+        for m in range(3):
+            d = -x[k + 3 + m]
+            o, p, q = k + 3 + m, bw + r[e] - k - 3 - m, bw + r[e + 1] - k - 3 - m
+            for n in range(3):
+                d += J[o, p + n] * y[rj + n] + J[o, q + n] * y[rk + n]
+            x[k + m] = 0.5 * u[m] - half * d
+    for i in range(len(x)):
+        if slot[i] >= 0:
+            x[i] = y[slot[i]]
 
 
 def heft(t, q, e, pack, r):

@@ -16,6 +16,25 @@ PER_LAYER, GROWTH = 4.0, 1.25  # elements in a bending length at a clamp, and th
 ROD, CATENARY = 12, 6  # equations of an element: the order of each system in s
 
 
+class Small(NamedTuple):
+    """The system that is factored where there are catenary elements: all but the forces inside their domains, which an
+    element's own equations give. Without catenaries, and for the two-step rule in space, arrays of length zero."""
+
+    slot: np.ndarray  # (ndof,) number of an unknown, and of the row with its number, in the small system; -1 without
+    plain: np.ndarray  # rows that go over as they are
+    bw: int
+    low: np.ndarray  # (n,) extents, as those of `Rod`
+    high: np.ndarray
+    first: np.ndarray
+    clear: np.ndarray
+    order: np.ndarray  # scratch
+    end: np.ndarray
+    largest: np.ndarray
+    J: np.ndarray  # (n, 2 bw + 1)
+    x: np.ndarray  # (n,)
+    pull: np.ndarray  # (m, 6) force per stretch of an element: 11, 22, 33, 12, 13, 23
+
+
 class Rod(NamedTuple):
     """A line of rod and catenary domains, SI. n nodes, m = n - 1 elements.
 
@@ -25,7 +44,7 @@ class Rod(NamedTuple):
     """
 
     axes: tuple[float, ...]  # three zeros
-    bw: int  # half bandwidth of the storage, fill of the row exchanges included
+    bw: int  # half bandwidth of the storage, fill of the row exchanges included where it is factored in place
     load_factor: float  # share of the steady loads, of the current and of intrinsic curvature and end twist
     rate: float  # 1/tau of the constraints' return [1/s]
     space: tuple[float, float, float]  # am, af, g of generalised-alpha in space
@@ -36,7 +55,7 @@ class Rod(NamedTuple):
     first: np.ndarray  # (ndof,) extents of the matrix: see banded.factor_pivoting
     low: np.ndarray
     high: np.ndarray
-    clear: np.ndarray  # (ndof, 2) columns that the factors read in each row
+    clear: np.ndarray  # (ndof, 2) columns that the tangent, and factors in place, read in each row
     order: np.ndarray  # scratch of the factors
     end: np.ndarray
     largest: np.ndarray
@@ -72,6 +91,7 @@ class Rod(NamedTuple):
     home: np.ndarray  # (guided, 4) their frames at twist 0
     twist: MotionPack  # their twist, in the third component [rad]
     least: np.ndarray  # (1,) least tension seen in a catenary domain [N]
+    small: Small
     m3: np.ndarray  # scratch
     m34: np.ndarray
 
@@ -187,6 +207,8 @@ class Layout(NamedTuple):
     high: np.ndarray
     bw: int
     ndof: int
+    clear: np.ndarray
+    small: Small
 
 
 def lay_out(rod: np.ndarray, two_step: bool) -> Layout:
@@ -224,26 +246,76 @@ def lay_out(rod: np.ndarray, two_step: bool) -> Layout:
     assert k == ndof
     first = np.array([min(at[x][i] for x in "rpNM" if at[x][i] >= 0) for i in range(n)])
     last = np.concatenate([first[1:], [ndof]]) - 1
-    low, high = np.zeros(ndof, dtype=np.int64), np.zeros(ndof, dtype=np.int64)
-    begin = np.arange(ndof)
-
-    def couple(r0: int, r1: int, c0: int, c1: int) -> None:
-        begin[r0:r1] = np.minimum(begin[r0:r1], c0)
-        high[r0:r1] = np.maximum(high[r0:r1], c1 - 1)
-        low[c0:c1] = np.maximum(low[c0:c1], r1 - 1)
-
-    couple(0, 3, first[0], last[0] + 1)
-    couple(ndof - 3 - (4 if bends[-1] else 0), ndof, first[-1], ndof)
-    for i in range(n):
-        if bends[i]:
-            couple(frame_row[i], frame_row[i] + (4 if hinge[i] else 1), first[i], last[i] + 1)
+    blocks: list[tuple[int, int, int, int]] = [(0, 3, first[0], last[0] + 1), (ndof - 3 - (4 if bends[-1] else 0), ndof, first[-1], ndof)]
+    for i in np.flatnonzero(bends):
+        blocks.append((frame_row[i], frame_row[i] + (4 if hinge[i] else 1), first[i], last[i] + 1))
     for e in range(m):
         start = e - 1 if two_step and not head[e] else e
-        couple(row[e], row[e] + (ROD if rod[e] else CATENARY), first[start], last[e + 1] + 1)
-    low = np.maximum.accumulate(low)
-    index = np.arange(ndof)
-    bw = int((low - index).max() + (high - index).max() + 1)
-    return Layout(at, row, frame_row, hinge, head, begin, low, high, bw, ndof)
+        blocks.append((row[e], row[e] + (ROD if rod[e] else CATENARY), first[start], last[e + 1] + 1))
+    begin, low, high = extents(blocks, ndof)
+    if rod.all() or two_step:
+        small, clear = _small(np.zeros(0, dtype=np.int64), [], [], m), read_by_factors(low, high)
+        bw = width(low, high)
+    else:
+        small, clear = _condensed(rod, head, at, row, first, last, blocks, ndof), np.column_stack([begin, high])
+        index = np.arange(ndof)  # no fill here
+        bw = int(max((high - index).max(), (index - begin).max()))
+    return Layout(at, row, frame_row, hinge, head, begin, low, high, bw, ndof, clear, small)
+
+
+def extents(blocks: list[tuple[int, int, int, int]], n: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """first, low, high as `banded.factor_pivoting` wants them, of a matrix with entries in `blocks` (rows from, to,
+    columns from, to)."""
+    first, low, high = np.arange(n), np.zeros(n, dtype=np.int64), np.zeros(n, dtype=np.int64)
+    for r0, r1, c0, c1 in blocks:
+        first[r0:r1] = np.minimum(first[r0:r1], c0)
+        high[r0:r1] = np.maximum(high[r0:r1], c1 - 1)
+        low[c0:c1] = np.maximum(low[c0:c1], r1 - 1)
+    return first, np.maximum.accumulate(low), high
+
+
+def width(low: np.ndarray, high: np.ndarray) -> int:
+    """Half bandwidth of the storage for factors with row exchanges."""
+    index = np.arange(len(low))
+    return int((low - index).max() + (high - index).max() + 1) if len(low) else 0
+
+
+def _condensed(
+    rod: np.ndarray, head: np.ndarray, at: dict[str, np.ndarray], row: np.ndarray, first: np.ndarray,
+    last: np.ndarray, blocks: list[tuple[int, int, int, int]], ndof: int,
+) -> Small:  # fmt: skip
+    """Without the forces inside catenary domains and the kinematic rows that give them, which have their numbers."""
+    m = len(rod)
+    kept = np.ones(ndof, dtype=bool)
+    inner = np.flatnonzero(~rod & ~head)
+    for e in inner:
+        assert at["N"][e] == row[e]
+        kept[row[e] : row[e] + 3] = False
+    slot = np.where(kept, np.cumsum(kept) - 1, -1)
+    plain = kept.copy()
+    less = []
+    for e in np.flatnonzero(~rod):
+        plain[row[e] : row[e] + 6] = False
+        k = slot[row[e] + 3]
+        stop = slot[at["r"][e + 2]] + 3 if e + 1 < m and not rod[e + 1] else slot[last[e + 1]] + 1
+        less.append((k, k + 3, slot[first[e]], stop))
+        if head[e]:
+            k = slot[row[e]]
+            less.append((k, k + 3, slot[first[e]], slot[at["r"][e + 1]] + 3))
+    less += [(slot[a], slot[b - 1] + 1, slot[c], slot[d - 1] + 1) for a, b, c, d in blocks if plain[a]]
+    return _small(slot, np.flatnonzero(plain), less, m)
+
+
+def _small(slot: np.ndarray, plain: Any, blocks: list[tuple[int, int, int, int]], elements: int) -> Small:
+    n = int(slot.max()) + 1 if len(slot) else 0
+    first, low, high = extents(blocks, n)
+    bw = width(low, high)
+    clear = read_by_factors(low, high) if n else np.zeros((0, 2), dtype=np.int64)
+    return Small(
+        slot.astype(np.int64), np.array(plain, dtype=np.int64), bw, low, high, first, clear,
+        np.zeros(n, dtype=np.int64), np.zeros(n, dtype=np.int64), np.zeros(n), np.zeros((n, 2 * bw + 1)), np.zeros(n),
+        np.zeros((elements if n else 0, 6)),
+    )  # fmt: skip
 
 
 def read_by_factors(low: np.ndarray, high: np.ndarray) -> np.ndarray:
@@ -339,7 +411,7 @@ def discretise(scene: sc.Scene, s: np.ndarray, section: np.ndarray, rod: np.ndar
     return Rod(
         axes=(0.0, 0.0, 0.0), bw=lay.bw, load_factor=1.0, rate=1.0 / tau, space=spatial(rho), fixed=ints(fixed),
         weight=weight, unit=unit, size=size, first=ints(lay.first), low=ints(lay.low), high=ints(lay.high),
-        clear=read_by_factors(lay.low, lay.high),
+        clear=ints(lay.clear), small=lay.small,
         order=np.zeros(ndof, dtype=np.int64), end=np.zeros(ndof, dtype=np.int64), largest=np.zeros(ndof),
         r=lay.at["r"], p=lay.at["p"], N=lay.at["N"], M=lay.at["M"], row=lay.row, frame_row=lay.frame_row,
         hinge=lay.hinge, rod=np.array(rod, dtype=bool), head=np.array(lay.head, dtype=bool), l=floats(l),

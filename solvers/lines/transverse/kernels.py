@@ -175,6 +175,8 @@ def accelerate(t, q, v, a, pack, r):
         pack.z[i] = -r[i]
     for k in range(len(pack.fixed)):
         i = pack.fixed[k]
+        if a[i] == 0.0:  # an end at rest
+            continue
         for m in range(1, pack.bw + 1):
             if i + m < n:
                 pack.z[i + m] -= pack.M[m, i] * a[i]
@@ -243,12 +245,9 @@ def form(D, x, pack):
     return 0.5 * product(x, pack.z)
 
 
-def energies(t, q, v, a, pack, e):
-    e[:] = 0.0
-    x, rate = stretching(q, v, pack)
-    e[KINETIC] = form(pack.M, v, pack)
-    e[STRAIN] = form(pack.B, q, pack) + 0.5 * pack.pull * x * x
-    e[GRAVITY] = form(pack.W, q, pack) - pack.load_factor * product(pack.load, q)
+@kernel
+def lose(rate, q, v, pack, e):
+    """Lost powers, the stretch changing at `rate` [m/s]."""
     e[CABLE] = pack.loss * rate * rate
     if len(pack.C) > 0:
         e[CABLE] += 2.0 * form(pack.C, v, pack)
@@ -261,8 +260,24 @@ def energies(t, q, v, a, pack, e):
             u = device_speed(d, v, pack)
             e[WATER] += pack.dev_drag[d] * abs(u) * u * (u + pack.load_factor * pack.dev_stream[d])
         if k >= 0:
-            e[STRAIN] += law_energy(q[k], law(d, pack))
             e[DEVICE] += law_loss(q[k], v[k], law(d, pack))
+
+
+def losses(t, q, v, a, pack, e):
+    e[:] = 0.0
+    lose(stretching(q, v, pack)[1], q, v, pack, e)
+
+
+def energies(t, q, v, a, pack, e):
+    e[:] = 0.0
+    x, rate = stretching(q, v, pack)
+    e[KINETIC] = form(pack.M, v, pack)
+    e[STRAIN] = form(pack.B, q, pack) + 0.5 * pack.pull * x * x
+    e[GRAVITY] = form(pack.W, q, pack) - pack.load_factor * product(pack.load, q)
+    lose(rate, q, v, pack, e)
+    for d in range(len(pack.slot)):
+        if pack.slot[d] >= 0:
+            e[STRAIN] += law_energy(q[pack.slot[d]], law(d, pack))
 
 
 def gaps(t, q, v, pack, g):

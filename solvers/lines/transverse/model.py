@@ -32,7 +32,7 @@ from .params import (
 
 provides(
     Transverse, drive=kernels.drive, residual=kernels.residual, tangent=kernels.tangent, accelerate=kernels.accelerate,
-    energies=kernels.energies, gaps=kernels.gaps, heft=kernels.heft,
+    energies=kernels.energies, losses=kernels.losses, gaps=kernels.gaps, heft=kernels.heft,
 )  # fmt: skip
 
 LEAST_SPANS_PER_WAVE = 3.0  # the frequency of a cubic spline's wave is then high by (k h)^4/1440, some 1.3 %
