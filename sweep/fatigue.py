@@ -176,7 +176,9 @@ def bending(signals: Mapping[str, np.ndarray], inside: slice, ends: Sequence[End
 
 
 def _unit(x: np.ndarray) -> np.ndarray:
-    return x / np.maximum(np.sqrt(np.einsum("...a,...a->...", x, x)), 1e-300)[..., None]
+    """Vectors at length 1; 0 where they have none: a wave's front bends by 1e-200, whose square is 0."""
+    size = np.sqrt(np.einsum("...a,...a->...", x, x))[..., None]
+    return np.divide(x, size, out=np.zeros_like(x), where=size > 1e-14)
 
 
 def fibres(

@@ -184,6 +184,17 @@ def test_bending_in_space_turns_with_the_cable():
     assert parts[:, 2] == pytest.approx(np.tile(parts[0, 2], (len(T), 1)), abs=1e-9)  # bends no more, no less
 
 
+def test_a_front_of_nothing_bends_nothing():
+    """What runs ahead of a wave: offsets whose squares are below the least number."""
+    run = waving(0.3)
+    run.signals["position"][:, 3, 0] = 1e-170 * np.sin(T)
+    run.signals["position"][:, 2, 0] = 1e-169
+    run.signals["curvature"][:, 2] = 1e-9
+    parts = bending(run.signals, slice(None), ENDS)
+    assert np.abs(parts).max() <= 1e-9
+    assert wear(T, run.signals, slice(None), CABLE, ENDS, SN).damage < 1e-12
+
+
 def test_a_clamp_bends_the_end_node():
     run = response(np.zeros((len(T), 5)), T, curvature=np.full((len(T), 5), 0.5))
     run.signals["position"][:, 1, 0] = 0.1 * np.sin(2 * np.pi * T)
