@@ -857,21 +857,15 @@ def _can_count(draft: Draft, where: str, variable: Variable, paths: Sequence[str
 
 def _in_a_choice(draft: Draft, path: str) -> bool:
     """Whether a path leads into a part that one of the variables' choices brings."""
-    try:
-        parts = parse(path)
-    except FieldError:
-        return False
     for key, variable in draft.get("variables", {}).items():
         choices = variable.choices.values() if isinstance(variable.choices, dict) else ()
-        for outer in variable.paths(key):
-            inside = parts[: len(parse(outer))] == parse(outer) and len(parts) > len(parse(outer))
-            for choice in choices if inside else ():
-                with suppress(FieldError, LookupError, TypeError):
-                    lookup(draft.outline, outer)
-                    if isinstance(choice, Mapping) and kind_has(
-                        draft.scene.tree, outer, choice, parts[len(parse(outer))]
-                    ):
-                        return True
+        for outer in variable.paths(key) if choices else ():
+            with suppress(FieldError, LookupError, TypeError):  # what is wrong with either path is said elsewhere
+                parts, head = parse(path), parse(outer)
+                lookup(draft.outline, outer)
+                inner = parts[len(head)] if parts[: len(head)] == head else ""
+                if any(kind_has(draft.scene.tree, outer, c, inner) for c in choices if isinstance(c, Mapping)):
+                    return True
     return False
 
 
