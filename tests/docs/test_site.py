@@ -24,6 +24,7 @@ def test_the_site_builds(tmp_path: Path) -> None:
     pages = {path.stem for path in (tmp_path / "html").rglob("*.html")}
     wanted = {"index", "papers", "cli", "api", "lumped", "hermite", "transverse", "local", "rod", "devices", "harmonic"}
     assert wanted | {"ledger", "metrics", "first_study", "cluster", "add_a_line", "add_a_method", "notebooks"} <= pages
-    text = {name: re.sub(r"<[^>]+>", "", (tmp_path / "html" / f"{name}.html").read_text()) for name in ("cli", "api")}
-    assert all(f"sweep {command.name or command.callback.__name__}" in text["cli"] for command in app.registered_commands)
+    text = {name: re.sub(r"<[^>]+>", "", (tmp_path / f"html/{name}.html").read_text()) for name in ("cli", "api")}
+    names = [command.name or command.callback.__name__ for command in app.registered_commands]
+    assert [name for name in names if f"sweep {name}" not in text["cli"]] == []
     assert "axial stiffness" in text["api"]  # fields bring the comments that say what they are
