@@ -237,19 +237,19 @@ class Numbers:
 # --------------------------------------------------------------------------- the page
 
 
-def _link(reference: str, separator: str) -> str:
-    name, _, symbol = reference.partition(separator)
-    return f"`{name}`" + (f"<br>`{symbol}`" if symbol else "")
-
-
 def _cell(text: str) -> str:
     return text.replace("|", "\\|")
 
 
 def _references(references: tuple[str, ...], separator: str) -> str:
+    """Files, each with its symbols under it; or the reason why there are none."""
     if reasoned(references):
         return _cell(references[0].removeprefix("none: "))
-    return "<br>".join(_link(reference, separator) for reference in references)
+    files: dict[str, list[str]] = {}
+    for reference in references:
+        name, _, symbol = reference.partition(separator)
+        files.setdefault(name, []).extend([symbol] if symbol else [])
+    return "<br>".join("<br>".join(f"`{word}`" for word in (name, *inside)) for name, inside in files.items())
 
 
 def tally(every: list[Paper]) -> str:

@@ -71,7 +71,8 @@ show(figure)
 # %% [markdown]
 # ## Order in the mesh
 #
-# Slope between the two finest meshes above the doubt: 2 for lumped masses, 4 and more for Hermite elements on smooth motion.
+# Slope between the two finest meshes above the doubt: 2 for lumped masses, up to 4 for the others where the motion is smooth; jumps of
+# its velocity or acceleration, as at the ends of cosine ramps, lower it.
 
 # %%
 for model, sizes in meshes.items():

@@ -30,7 +30,7 @@ print("LABELS " + json.dumps(found))
 def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """The small study, run once for all four."""
     directory = tmp_path_factory.mktemp("study")
-    subprocess.run([sys.executable, str(ROOT / "notebooks" / "study.py"), str(directory)], check=True, timeout=300)
+    subprocess.run([sys.executable, str(ROOT / "notebooks" / "study.py"), str(directory)], check=True, timeout=900)
     return directory
 
 
@@ -44,7 +44,7 @@ def executed(path: Path, folder: Path) -> Any:
     notebook = jupytext.read(path)
     notebook.cells.append(nbformat.v4.new_code_cell(LABELS))
     client = nbclient.NotebookClient(
-        notebook, timeout=300, kernel_name="python3", resources={"metadata": {"path": str(path.parent)}}
+        notebook, timeout=900, kernel_name="python3", resources={"metadata": {"path": str(path.parent)}}
     )
     before = {name: os.environ.get(name) for name in ("CABLE_SWEEP_STUDY", "PYTHONPATH")}
     os.environ |= {"CABLE_SWEEP_STUDY": str(folder), "PYTHONPATH": str(ROOT)}
