@@ -1,6 +1,6 @@
 """What limits the study of paper 003: where the processor time of a design goes, over meshes of the `transverse` line.
 
-    python benchmarks/study_cost.py [--designs 16] [--spans 20 32 60] [--out figures]
+    OMP_NUM_THREADS=1 python benchmarks/study_cost.py [--designs 16] [--spans 20 32 60] [--out figures]
 
 Designs of configs/bnes_study.yaml, 5 s each, one process, one core. `march` is the time loop with its ledger; `model`
 what makes a model of a scene and its start; `signals` what makes signals of states, and checks them; `metrics` their

@@ -216,8 +216,9 @@ def off_plane(x: np.ndarray) -> float:
     """
     span = x[:, -1, :2] - x[:, 0, :2]
     wide = np.linalg.norm(span, axis=1)
-    size = float(np.abs(x - x[:, :1]).max(initial=0.0))
-    if not len(x) or wide.min() <= 1e-6 * size:
+    if not len(x) or wide.min() == 0.0:  # as most vertical cables have it at rest
+        return NAN
+    if wide.min() <= 1e-6 * float(np.abs(x - x[:, :1]).max(initial=0.0)):
         return NAN
     normal = np.stack([-span[:, 1], span[:, 0]], axis=1) / wide[:, None]
     return float(np.abs(np.einsum("tna,ta->tn", x[:, :, :2] - x[:, :1, :2], normal)).max())
