@@ -56,7 +56,7 @@ def hold(J, bw, fixed):
 
 
 @kernel
-def factor_pivoting(J, bw, first, low, high, order, end, size):
+def factor_pivoting(J, bw, first, low, high, order, end, size, least):
     """J -> L U in place with row exchanges, for saddle-point systems whose rows cannot be ordered to be stable without.
 
     Parameters
@@ -67,6 +67,8 @@ def factor_pivoting(J, bw, first, low, high, order, end, size):
     order, end, size : (n,)
         Filled: exchanges, last column of each row of U, and (scratch) the inverse of each row's largest entry.
         bw must hold the fill: at least low - column plus high - row.
+    least : float
+        Pivots below it, as shares of the largest entry of their rows, count as zero.
     """
     n = len(J)
     for i in range(n):
@@ -84,7 +86,7 @@ def factor_pivoting(J, bw, first, low, high, order, end, size):
             x = abs(J[i, bw + k - i]) * size[i]
             if x > best:
                 p, best = i, x
-        if not (best > 1e-15):
+        if not (best > least):
             return False
         order[k] = p
         if p != k:

@@ -515,14 +515,20 @@ def trials_of(ask: Ask, name: str, n_gaps: int) -> list[tuple[Ask, float]]:
     return [(replace(ask, step=2 * ask.step, max_steps=most), 1 / 3), finer]
 
 
+STILL = 1e-10  # of the largest coordinate: a displacement that is rounding
+
+
 def apart(one: Response, other: Response) -> float:
-    """Relative root mean square difference of the displacement over all nodes and times; inf where a run stopped."""
+    """Relative root mean square difference of the displacement over all nodes and times; inf where a run stopped, 0
+    where nothing moves but by rounding (a straight rod that is twisted)."""
     if len(one.t) != len(other.t) or one.signals["position"].shape != other.signals["position"].shape:
         return math.inf
     x, y = (run.signals["position"] - run.signals["static_position"] for run in (one, other))
     size = float(np.sqrt((y**2).mean()))
     gap = float(np.sqrt(((x - y) ** 2).mean()))
-    return gap / size if size > 0 else (0.0 if gap == 0 else math.inf)
+    if max(size, gap) <= STILL * float(np.abs(other.signals["position"]).max()):
+        return 0.0
+    return gap / size if size > 0 else math.inf
 
 
 def checked(

@@ -99,7 +99,7 @@ def test_a_march_goes_on_where_it_ended(method: str) -> None:
     model = RodModel(JUMPER, 60, ((0.0, 30.0),))
     status, q, note = static_state(model)
     assert status == Status.OK, note
-    ask = Ask(model="hybrid", method=method, step=0.02 if method == "genalpha" else None, duration=2.0)
+    ask = Ask(model="hybrid", method=method, step=0.02 if method == "genalpha" else None, duration=40.0)
     limits, still = limits_of(model, ask, method, model.fastest(q)), np.zeros(model.ndof)
 
     def march(start: float, stop: float, before: March | None = None) -> March:

@@ -297,6 +297,28 @@ def test_rho_below_one_dissipates() -> None:
     assert 1e-4 < lost[1] < lost[2] < 1e-2
 
 
+def test_torsional_wave() -> None:
+    """An end turned at the rate W: behind a front at sqrt(GJ/J) the torque is W sqrt(GJ J), and twice that behind the
+    echo of the clamp; the rod lies askew in space and stays straight. To 2 %: the ringing of the front, averaged."""
+    J, GJ, length, rate = 0.02, 8.0, 10.0, 1.0
+    axis, until = np.array([1.0, 2.0, 2.0]) / 3, 1.6 * length / math.sqrt(GJ / J)
+    cable = Section(
+        length=length, d=0.1, mass=10.0, EA=1e7, EI=4.0, GJ=GJ, inertia=(J / 2, J / 2, J), wet_weight=0.0,
+    )  # fmt: skip
+    t = tuple(np.linspace(0.0, until, 9))
+    turn = Turn(t=t, angle=tuple(np.degrees(rate) * np.array(t)))
+    ends = [End(kind="clamped", position=tuple(x * axis), direction=tuple(axis)) for x in (0.0, 1.00001 * length)]
+    scene = Scene(cable=(cable,), g=0.0, end_a=ends[0], end_b=replace(ends[1], twist=turn))
+    run = march(scene, 100, step=until / 200, rho=0.5, duration=until, interval=until / 40)
+    assert run.status == Status.OK, run.message
+    torque, s = run.signals["torque"], run.signals["arc"]
+    plateau = rate * math.sqrt(GJ * J)
+    middle = torque[15, (s > 0.6 * length) & (s < 0.9 * length)]  # the front has gone 0.6 of the way
+    assert middle.mean() == pytest.approx(plateau, rel=0.02)
+    assert np.abs(torque[15, s < 0.25 * length]).max() < 1e-3 * plateau
+    assert torque[-1, (s > 0.1 * length) & (s < 0.4 * length)].mean() == pytest.approx(2 * plateau, rel=0.02)
+
+
 # ------------------------------------------------------------------------------------------ water
 
 

@@ -705,11 +705,12 @@ def constrained(pack):
 def factorise(pack, J):
     """In place without catenaries; else J stays, and the small system is factored."""
     if len(pack.small.slot) == 0:
-        return factor_pivoting(J, pack.bw, pack.first, pack.low, pack.high, pack.order, pack.end, pack.largest)
+        return factor_pivoting(J, pack.bw, pack.first, pack.low, pack.high, pack.order, pack.end, pack.largest, 1e-15)
     s = pack.small
     if not condense(pack.rod, pack.head, pack.row, pack.r, pack.N, pack.bw, pack.first, pack.high, s, J):
         return False
-    return factor_pivoting(s.J, s.bw, s.first, s.low, s.high, s.order, s.end, s.largest)
+    # beside the inertia over a short step squared, the force that a domain ends with is a small entry of its row
+    return factor_pivoting(s.J, s.bw, s.first, s.low, s.high, s.order, s.end, s.largest, 1e-30)
 
 
 def backsolve(pack, J, x):

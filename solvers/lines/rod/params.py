@@ -246,8 +246,9 @@ def lay_out(rod: np.ndarray, two_step: bool) -> Layout:
     assert k == ndof
     first = np.array([min(at[x][i] for x in "rpNM" if at[x][i] >= 0) for i in range(n)])
     last = np.concatenate([first[1:], [ndof]]) - 1
-    blocks: list[tuple[int, int, int, int]] = [(0, 3, first[0], last[0] + 1), (ndof - 3 - (4 if bends[-1] else 0), ndof, first[-1], ndof)]
-    for i in np.flatnonzero(bends):
+    blocks: list[tuple[int, int, int, int]] = [(0, 3, first[0], last[0] + 1)]
+    blocks.append((ndof - 3 - (4 if bends[-1] else 0), ndof, first[-1], ndof))
+    for i in np.flatnonzero(bends).tolist():
         blocks.append((frame_row[i], frame_row[i] + (4 if hinge[i] else 1), first[i], last[i] + 1))
     for e in range(m):
         start = e - 1 if two_step and not head[e] else e
