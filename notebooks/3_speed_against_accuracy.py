@@ -35,9 +35,9 @@ scene.length, scene.cable[0]
 
 # %%
 reference = solve(scene, replace(ask, model="hermite", method="esdirk4", segments=60, tolerance=1e-6))
-other = solve(scene, replace(ask, model="lumped", segments=160, tolerance=1e-5))
+other = solve(scene, replace(ask, model="transverse", method="dopri5", segments=40, tolerance=1e-5))
 doubt = gap(other, reference)
-print(f"reference {reference.status.name}; 160 lumped segments differ by {doubt:.1e}")
+print(f"reference {reference.status.name}; 40 transverse spans differ by {doubt:.1e}")
 
 # %% [markdown]
 # ## Error against counted work
