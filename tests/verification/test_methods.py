@@ -56,14 +56,14 @@ def test_table_identities(name):
     conditions = trees(A, c)
     for order in range(1, table.order + 1):
         for phi, gamma in conditions[order]:
-            assert b @ phi == pytest.approx(1 / gamma, abs=1e-14)
+            assert b @ phi == pytest.approx(1 / gamma, abs=2e-14)  # tsit5 is printed to 16 digits
     if table.order < 5:
         assert any(abs(b @ phi - 1 / gamma) > 1e-3 for phi, gamma in conditions[table.order + 1])
     if name in ("dopri5", "tsit5"):  # the embedded formula is of order 4 and no more
         b_hat = b - e
         for order in range(1, 5):
             for phi, gamma in conditions[order]:
-                assert b_hat @ phi == pytest.approx(1 / gamma, abs=1e-14)
+                assert b_hat @ phi == pytest.approx(1 / gamma, abs=2e-14)
         assert max(abs(b_hat @ phi - 1 / gamma) for phi, gamma in conditions[5]) > 1e-5
     else:
         assert not e.any()
@@ -92,7 +92,6 @@ def exact() -> np.ndarray:
         ("rk2", 2, (200, 400, 800), {}),
         ("rk4", 4, (50, 100, 200), {}),
         ("dopri5", 5, (30, 60, 120), {}),
-        ("tsit5", 5, (30, 60, 120), {}),
         ("genalpha", 2, (200, 400, 800), {"rho": 1.0}),
         ("genalpha", 2, (200, 400, 800), {"rho": 0.5}),
         ("genalpha", 2, (200, 400, 800), {"rho": 0.0}),
@@ -103,6 +102,12 @@ def test_order_of_a_fixed_step(method, order, steps, settings, exact):
     errors = [np.abs(end(method, step=4 / n, **settings) - exact).max() for n in steps]
     observed = np.log2(errors[-2] / errors[-1])
     assert observed == pytest.approx(order, abs=0.2)
+
+
+def test_order_of_tsit5(exact):
+    """Over four halvings, +-0.2: terms of order 5 and 6 cancel near 50 steps here, where single slopes mean nothing."""
+    first, last = (np.abs(end("tsit5", step=4 / n) - exact).max() for n in (30, 480))
+    assert np.log2(first / last) / 4 == pytest.approx(5, abs=0.2)
 
 
 @pytest.mark.parametrize(
