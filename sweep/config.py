@@ -1050,7 +1050,8 @@ def _check_objectives(draft: Draft) -> None:
         where = f"objectives[{i}]"
         metric = find_metric(name, count)
         said = split_name(name)[1]
-        if metric is None or len(said) > 1 or {"spread", "sd"} & set(said):
+        repeated, said = said[:1] == ("ensemble",), said[said[:1] == ("ensemble",) :]
+        if metric is None or len(said) > 1 or {"spread", "sd", "ensemble"} & set(said):
             draft.add(where, name, "unknown metric", nearest(name, good))
         elif metric.direction is None:
             problem = "neither more nor less of it is better, so it cannot be an objective"
@@ -1059,7 +1060,7 @@ def _check_objectives(draft: Draft) -> None:
             draft.add(where, name, f"cannot be read without `metrics.{metric.needs}`", "give it, or drop the objective")
         elif said and not aggregated:
             draft.add(where, name, "aggregates need at least two `environments`")
-        elif "_ensemble" in name and draft.sure("repeats") and not (repeats and repeats.n):
+        elif repeated and draft.sure("repeats") and not (repeats and repeats.n):
             draft.add(where, name, "is a mean over perturbed runs", "write e.g. `repeats: {n: 4}`")
         elif said and said[0][0] == "q" and (int(said[0][1:]) > 50) != (metric.direction == "min"):
             problem = f"is the good tail: of this metric {'less' if metric.direction == 'min' else 'more'} is better"

@@ -161,12 +161,12 @@ def deviations(dataset: xr.Dataset, objectives: Sequence[str]) -> np.ndarray:
     """(n, n_objective) standard uncertainty of each objective; NaN where it is not known, or was not asked for."""
     found = np.full((len(trusted(dataset)), len(objectives)), np.nan)
     for j, name in enumerate(objectives):
-        stem, said = split_name(name)
+        stem, words = split_name(name)
         if f"{stem}_sd" in dataset:
             known = dataset[f"{stem}_sd"]
             values = known.values.astype(float)
             if "environment" in known.dims:
-                values = aggregate_deviation(values, said[0] if said else "mean")
+                values = aggregate_deviation(values, next((word for word in words if word != "ensemble"), "mean"))
             found[:, j] = values
     return found
 
