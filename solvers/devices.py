@@ -1,6 +1,6 @@
 """Force laws of the devices that slide across the cable, and their packs' constants.
 
-Paper 003 eqs. (2.2.2) and (2.2.3), corrected (A6-A8): y is the offset from mid-stroke, a the half-span, l0 the
+Paper 003 eqs. (2.2.2) and (2.2.3), corrected: y is the offset from mid-stroke, a the half-span, l0 the
 natural length, k and c stiffness and damper constant of each of the two cords.
 """
 

@@ -48,7 +48,7 @@ class Section:
 
     Give either ``mass`` with the outer volume it displaces (``volume``, by default that of ``d``), or ``mass``
     with ``wet_weight``. ``compression`` says whether the section carries compression: a power cable does, chain
-    and wire rope do not; by default it does when ``EI > 0`` (PHYSICS of paper 003, eq. 2.1.3 corrected).
+    and wire rope do not; by default it does when ``EI > 0`` (paper 003, eq. 2.1.3, corrected).
     """
 
     length: Positive  # unstretched length [m]

@@ -185,7 +185,7 @@ def test_steady_current_is_a_small_motion() -> None:
 
 
 def test_the_unresolved_boundary_layer_is_told() -> None:
-    """PHYSICS of the papers: at pinned ends bending decays over sqrt(EI/T), here 2 cm: told, and the run is OK."""
+    """At pinned ends bending decays over sqrt(EI/T), here 2 cm: told, and the run is OK."""
     status, note, _ = LocalModel(oc3_touchdown()[0], 100).guards(np.zeros(0))
     assert status == Status.OK
     assert "bending decays over 0.02 m at the ends" in note

@@ -71,8 +71,8 @@ def test_eigenvalues_of_a_line(name):
 
 
 def test_a_cord_counts_though_it_only_touches():
-    """Tension-only cords at rest are not yet taut: their wall is in the eigenvalues all the same, and as PHYSICS D has
-    it, sqrt(2 k (1/M + 1/m_h)) sin(phi0), 1 %: the cable's own stiffness is 1e-3 of the wall's."""
+    """Tension-only cords at rest are not yet taut: their wall is in the eigenvalues all the same, and it is
+    sqrt(2 k (1/M + 1/m_h)) sin(phi0), 1 %: the cable's own stiffness is 1e-3 of the wall's."""
     sink = BNES(s=5.0, mass=1.0, EA=1e6, phi0=10.0, law="cords")
     scene = taut(100.0, EA=1e3, devices=(sink,))
     model = LumpedModel(scene, N)

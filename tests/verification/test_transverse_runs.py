@@ -67,7 +67,7 @@ def test_reference_25() -> None:
 
 
 def test_stretch_is_what_it_needs() -> None:
-    """Without the tension of its stretch the pulse is off by 10 % and more (METHODS.md: 11.6 %)."""
+    """Without the tension of its stretch the pulse is off by 10 % and more."""
     ask = Ask(duration=2.0, segments=40, interval=4e-3)
     whole, soft = offsets(solve(bare(), ask), 21), bare()
     T = 500.0
