@@ -21,6 +21,7 @@ from study import folder, show
 from sweep import open_study, pareto
 from sweep.across import across
 from sweep.across_plot import plot_histories, plot_spectra
+from sweep.config import split_name
 from sweep.series import chosen_key
 
 directory = folder()
@@ -28,7 +29,11 @@ data = open_study(directory)
 several = "environment" in data.dims
 if not several:
     data = data.rename(point="design").expand_dims("environment", axis=1).assign_coords(environment=["as it is"])
-objectives = [name.removesuffix("_mean").removesuffix("_worst") for name in json.loads(data.attrs["objectives"])]
+objectives = []  # metrics without what is said of them over environments: a column for each environment, each once
+for name in json.loads(data.attrs["objectives"]):
+    stem, said = split_name(name)
+    column = f"{stem}_ensemble" if said[:1] == ("ensemble",) else stem
+    objectives += [column] if column not in objectives else []
 names = [str(name) for name in data["environment"].values]
 good = (data["status"] == "OK").values
 print(f"{data.sizes['design']} designs in {len(names)} environments: {', '.join(names)}; {good.all(axis=1).sum()} trusted in all")
@@ -36,7 +41,7 @@ print(f"{data.sizes['design']} designs in {len(names)} environments: {', '.join(
 # %% [markdown]
 # ## Each design in each environment
 #
-# Bars are half ranges over repetitions, where the study has them.
+# Bars are standard uncertainties (`uncertainty`), or half ranges over repetitions (`repeats`), where the study has them.
 
 # %%
 colours = ["#0072B2", "#D55E00", "#009E73", "#CC79A7", "#E69F00", "#56B4E9", "#000000"]
@@ -46,7 +51,8 @@ order = np.argsort(np.nanmean(data[objectives[0]].values, axis=1))
 for ax, name in zip(panels[:, 0], objectives, strict=True):
     for e, environment in enumerate(names):
         values = np.where(good[:, e], data[name].values[:, e], np.nan)[order]
-        bars = data[f"{name}_spread"].values[:, e][order] if f"{name}_spread" in data else None
+        kind = pareto.barred(data, [name])[0]
+        bars = data[f"{split_name(name)[0]}_{kind}"].values[:, e][order] if kind else None
         ax.errorbar(np.arange(len(order)) + 0.12 * e, values, yerr=bars, fmt=markers[e % 7], color=colours[e % 7], capsize=2, label=environment)
     unit = data[name].attrs.get("units", "1")
     ax.set(ylabel=f"{name} [{unit}]")
@@ -76,11 +82,11 @@ show(figure)
 # %% [markdown]
 # ## Does the front survive?
 #
-# The front of the first environment beside that of the worst case over all.
+# The front of the first environment, by what its own runs gave, beside that of the worst case over all.
 
 # %%
-first = data.isel(environment=[0])
-nominal = set(pareto.front(first, [f"{name}_mean" for name in objectives]).tolist())
+first = data.isel(environment=0)  # its own columns: the stored `_mean` and `_worst` are over all environments
+nominal = set(pareto.front(first, objectives).tolist())
 robust = set(pareto.front(data, [f"{name}_worst" for name in objectives]).tolist())
 print(f"front in {names[0]}: {sorted(nominal)}\nfront of the worst case: {sorted(robust)}\non both: {sorted(nominal & robust)}")
 
