@@ -214,7 +214,14 @@ class Numbers:
     """`{group.name}` in a record's text; a name that nobody computed is a mistake, not a blank."""
 
     def __init__(self, groups: dict[str, Any]) -> None:
-        self.groups, self.used = groups, set()
+        self.groups = groups
+        self.used: set[str] = set()  # in the whole page
+        self.here: dict[str, None] = {}  # since `sources` was asked last, in order
+
+    def sources(self) -> str:
+        """The groups of the numbers filled in since this was asked last, as the last table names them; or nothing."""
+        names, self.here = list(self.here), {}
+        return f"numbers: {', '.join(f'`{name}`' for name in names)}" if names else ""
 
     def fill(self, text: str, where: str, mistakes: list[str]) -> str:
         """`{group.name:format}`; `{group.name±:format}` is the mean and the standard deviation of one run."""
@@ -226,6 +233,7 @@ class Numbers:
                 mistakes.append(f"{where}: no number {name}.{key}")
                 return "?"
             self.used.add(name)
+            self.here[name] = None
             percent = form.endswith("p")  # in percent, without the sign
             form, unit = (form[:-1] + "f", 100.0) if percent else (form, 1.0)
             shown = f"{values[key] * unit:{form}}"
@@ -268,8 +276,12 @@ def anchor(title: str) -> str:
 
 def render(every: list[Paper], numbers: Numbers, mistakes: list[str]) -> str:
     """The page's text."""
-    head = (CLAIMS / "answers.md").read_text(encoding="utf-8")
-    parts = [numbers.fill(head, "answers.md", mistakes).replace("<!-- tally -->", tally(every)).rstrip()]
+    head = (CLAIMS / "answers.md").read_text(encoding="utf-8").rstrip()
+    answers = []
+    for paragraph in head.split("\n\n"):
+        text = numbers.fill(paragraph, "answers.md", mistakes).replace("<!-- tally -->", tally(every))
+        answers.append(f"{text} ({sources})" if (sources := numbers.sources()) else text)
+    parts = ["\n\n".join(answers)]
     columns = ("item", "the paper", "code", "corrected", "test", "theirs", "ours", "verdict and why")
     for paper in every:
         parts += [f"\n## {paper.title}\n", paper.about]
@@ -282,6 +294,8 @@ def render(every: list[Paper], numbers: Numbers, mistakes: list[str]) -> str:
                     name: numbers.fill(getattr(record, name), where, mistakes)
                     for name in ("says", "corrected", "theirs", "ours", "why")
                 }
+                if sources := numbers.sources():
+                    filled["ours"] += f"; {sources}"
                 cells = (
                     record.item, filled["says"], _references(record.code, ":"), filled["corrected"],
                     _references(record.tests, "::"), filled["theirs"], filled["ours"],
@@ -290,12 +304,17 @@ def render(every: list[Paper], numbers: Numbers, mistakes: list[str]) -> str:
                 raw = (2, 4)
                 parts.append("| " + " | ".join(c if i in raw else _cell(c) for i, c in enumerate(cells)) + " |")
     parts.append("\n## Where the numbers come from\n")
-    parts.append("| group | command | kept on | commit | seconds |\n|---|---|---|---|---|")
+    parts.append(
+        "The solver is the hash of `solvers/` with which a group was computed; `python -c 'import solvers; "
+        "print(solvers.SOURCE_HASH)'` prints that of the code at hand. A group of another hash has not been computed "
+        "by this code, but for those that `pytest tests/unit/test_papers.py` computes anew each time.\n"
+    )
+    parts.append("| group | command | kept on | commit | solver | seconds |\n|---|---|---|---|---|---|")
     for name in sorted(numbers.used):
         group = numbers.groups[name]
         parts.append(
             f"| {name}{' (dear)' if group['dear'] else ''} | `{group['command']}` | {group['date']} "
-            f"| {group['commit']} | {group['seconds']} |"
+            f"| {group['commit']} | {group['solver']} | {group['seconds']} |"
         )
     return "\n".join(parts) + "\n"
 
