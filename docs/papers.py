@@ -6,7 +6,8 @@
     python docs/papers.py --run            also run every test that the report names
 
 The records are in docs/claims/*.yaml, one for each item. A record whose code or test does not exist, whose cell is
-empty, or that uses a number that nobody computed, is a mistake; all mistakes are said at once, and nothing is written.
+empty, that uses a number that nobody computed, or that has one of its own without the command or test behind it, is a
+mistake; all mistakes are said at once, and nothing is written.
 The numbers are those of benchmarks/papers.py; each kept group says its command, date, commit and solver version.
 """
 
@@ -148,6 +149,22 @@ def reasoned(references: tuple[str, ...]) -> bool:
     return len(references) == 1 and re.fullmatch(r"none: .{8,}", references[0]) is not None
 
 
+def typed(text: str) -> str:
+    """Why a measured number in a cell cannot be run again; empty where it can, or where there is none.
+
+    It can where it is of a group, or where a command or the test that holds it stands beside it in backquotes.
+    """
+    for name in re.findall(r"`(test_\w+)`", text):
+        if not any(name in symbols(path) for path in (ROOT / "tests").rglob("test_*.py")):
+            return f"no test is called {name}"
+    for name in re.findall(r"`python (\S+\.py)[^`]*`", text):
+        if not (ROOT / name).is_file():
+            return f"there is no file {name}"
+    bare = re.sub(r"\(\d+(\.\d+)*\)", "", text)  # numbers of equations
+    number = re.search(r"\d\.\d|\de[-+]?\d|\d\s?%|\d degrees", bare)
+    return f"no command or test beside {number[0]}" if number and "{" not in text and "`" not in text else ""
+
+
 def check(paper: Paper) -> list[str]:
     """What is wrong with a paper's references."""
     found = []
@@ -159,6 +176,8 @@ def check(paper: Paper) -> list[str]:
                 for reference in references:
                     if wrong := refers(reference, separator):
                         found.append(f"{paper.name}, {record.item}, {kind}: {wrong}")
+            if wrong := typed(record.ours):
+                found.append(f"{paper.name}, {record.item}, ours: {wrong}")
     return found
 
 

@@ -59,13 +59,16 @@ sections:
     records:
       - {item: eq. (1), says: x, code: ["solvers/devices.py:no_such_law"], corrected: x, tests: ["tests/none.py::test"],
          theirs: x, ours: "{nothing.here:.1f}", verdict: perhaps, why: ""}
-      - {item: eq. (2), says: x, code: "none: it is not there", corrected: x, theirs: x, ours: x, verdict: refuted,
+      - {item: eq. (2), says: x, code: "none: it is not there", corrected: x, theirs: x, ours: 3.5 kN, verdict: refuted,
          why: x}
+      - {item: eq. (3), says: x, code: "none: it is not there", corrected: x, tests: "none: it is not there", theirs: x,
+         ours: "3.5 kN by (3.4) (`test_of_nothing`)", verdict: refuted, why: x}
 """)
     monkeypatch.setattr(report, "CLAIMS", tmp_path)
     said = "\n".join(report.page({})[1])
     for words in ("has no no_such_law", "no file tests/none.py", "no number nothing.here",
-                  "'perhaps' is not one of", "empty why", "eq. (2): no tests"):  # fmt: skip
+                  "'perhaps' is not one of", "empty why", "eq. (2): no tests",
+                  "eq. (2), ours: no command or test beside 3.5", "no test is called test_of_nothing"):  # fmt: skip
         assert words in said
 
 
