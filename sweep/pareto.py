@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 from collections.abc import Sequence
+from contextlib import suppress
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -106,18 +107,27 @@ def costs(dataset: xr.Dataset, objectives: Sequence[str]) -> np.ndarray:
 def excesses(dataset: xr.Dataset) -> dict[str, np.ndarray]:
     """Each constraint of the study, as ``stroke <= 0.3``: (n,) by how much it is broken; at most 0 where it is kept.
 
-    With several environments the worst of them counts. NaN where there is no number.
+    With several environments the worst of them counts, and of an aggregate over them its one number. NaN where there
+    is no number.
     """
     found = {}
     for name, bound in json.loads(dataset.attrs.get("constraints", "{}")).items():
         for side, sign in (("min", -1.0), ("max", 1.0)):
             if bound[side] is not None:
-                values = dataset[name] if name in dataset else (dataset["status"] == "OK") * np.nan
-                over = sign * (values - bound[side])
+                over = sign * (_bounded(dataset, name) - bound[side])
                 if "environment" in over.dims:
                     over = over.max("environment", skipna=False)
                 found[f"{name} {'>=' if side == 'min' else '<='} {bound[side]:g}"] = over.to_numpy()
     return found
+
+
+def _bounded(dataset: xr.Dataset, name: str) -> xr.DataArray:
+    """What a constraint bounds: a column, or an aggregate that is none; NaN where results have neither."""
+    if name in dataset:
+        return dataset[name]
+    with suppress(ValueError):
+        return column(dataset, name)
+    return (dataset["status"] == "OK") * np.nan
 
 
 def allowed(dataset: xr.Dataset) -> np.ndarray:

@@ -201,7 +201,7 @@ def test_constraints_on_metrics(quick, tmp_path):
 
 
 def test_a_constraint_holds_in_every_environment(quick, tmp_path):
-    """stroke is x + y on the clean cable, 0.2 less on the fouled one, at least 0.6 on both: the front is x + y = 0.8."""
+    """stroke is x + y on the clean cable, 0.2 less on the fouled one, at least 0.6 on both: the front is at 0.8."""
     cables = [{"name": "clean"}, {"name": "fouled", "set": {"cable[0].mass": 5.0}}]
     made_study = study(
         environments=cables, objectives=["delta_worst", "rms"], constraints={"stroke": {"min": 0.6}},
