@@ -264,8 +264,8 @@ def submit(
 ) -> None:
     """Run what is missing as SLURM jobs, and merge after them.
 
-    The designs of a front, which `sweep run` takes by --designs, stand in the study here: `sampler: {kind: given, file:
-    front.nc}`.
+    The designs of a front, which `sweep run` takes by --designs, stand in the study here: its sampler is then
+    `{kind: given, file: front.nc}`.
     """
     if (array is None) == (ranks is None):
         raise typer.BadParameter("one of --array K and --ranks P is needed", param_hint="--array, --ranks")
