@@ -1072,9 +1072,11 @@ def _check_constraints(draft: Draft) -> None:
         if name in DESIGN_QUANTITIES:
             continue
         metric = find_metric(name, count)
-        if metric is None or not _held(name, metric):
-            problem = "unknown metric" if metric is None else "is a column that results do not have"
-            draft.add(f"constraints.{name}", ABSENT, problem, nearest(name, [*METRICS, *DESIGN_QUANTITIES]))
+        if metric is None:
+            draft.add(f"constraints.{name}", ABSENT, "unknown metric", nearest(name, [*METRICS, *DESIGN_QUANTITIES]))
+        elif not _held(name, metric):
+            remedy = f"bound `{split_name(name)[0]}`; `sweep metrics` says what may follow it"
+            draft.add(f"constraints.{name}", ABSENT, "is a column that results do not have", remedy)
         elif why := _never_known(draft, name, metric):
             draft.add(f"constraints.{name}", ABSENT, *why)
 
