@@ -23,7 +23,7 @@ from solvers.catalogue import can_march, needs
 
 from . import distribute, locks, pareto
 from . import run as running
-from .config import ConfigError, Study, find_metric
+from .config import ConfigError, Study, find_metric, split_name
 from .dataset import assemble
 from .mistakes import Mistake
 from .plan import Designs, Keys, Plan, read_plan
@@ -212,9 +212,9 @@ def compared(
 
     Over the points that are trusted in both: `n` of them have a number in both, `one_only` in one; `rms` and `largest`
     difference; `size`, the study's own root mean square; `deviation`, the standard deviation over all trusted points of
-    the study; `error_bar`, the mean sum of the spreads over perturbed runs, where there are `repeats`, and how many
-    differ `beyond` theirs; `rank_correlation` (Spearman's). `stays`: of the audited designs alone, those on the front
-    by the audit.
+    the study; `error_bar`, the mean sum of the spreads over perturbed runs, where there are `repeats`, or else 1.96
+    standard uncertainties of the difference, where there is `uncertainty`, and how many differ `beyond` theirs;
+    `rank_correlation` (Spearman's). `stays`: of the audited designs alone, those on the front by the audit.
     """
     dim = "design" if "environment" in data.dims else "point"
     coarse = data.isel({dim: designs})
@@ -244,8 +244,8 @@ ABOUT = {
     "largest": "largest difference",
     "size": "root mean square of the study's values",
     "deviation": "standard deviation over the study's trusted points",
-    "error_bar": "mean sum of both spreads over perturbed runs; NaN without repeats",
-    "beyond": "points that differ by more than the sum of their spreads; NaN without repeats",
+    "error_bar": "mean sum of both spreads over perturbed runs, or 1.96 sd of the difference; NaN without either",
+    "beyond": "points that differ by more than their error bar; NaN without one",
     "rank_correlation": "Spearman's, study against audit; NaN for fewer than three points or a constant",
 }
 
@@ -253,7 +253,7 @@ ABOUT = {
 def _is_metric(name: str, fine: xr.Dataset, data: xr.Dataset) -> bool:
     metric = find_metric(name)
     same = "status" in data and data[name].dims == data["status"].dims and fine[name].dims == fine["status"].dims
-    return metric is not None and same and not name.endswith("_spread")
+    return metric is not None and same and not {"spread", "sd"} & set(split_name(name)[1])
 
 
 def disagreement(
@@ -271,9 +271,12 @@ def disagreement(
         "deviation": float(every.std()) if every.size > 1 else math.nan,
         "error_bar": math.nan, "beyond": math.nan, "rank_correlation": rank_correlation(a[known], b[known]),
     }  # fmt: skip
-    spread = f"{name}_spread"
-    if spread in coarse and spread in fine:
-        bars = (coarse[spread].to_numpy() + fine[spread].to_numpy()).ravel()[both][known]
+    stem = split_name(name)[0]
+    bars_of = [f"{stem}_{kind}" for kind in ("spread", "sd")]
+    if bar := next((one for one in bars_of if one in coarse and one in fine), ""):
+        ours, theirs = (x[bar].to_numpy().astype(float).ravel()[both][known] for x in (coarse, fine))
+        spread = bar.endswith("_spread")
+        bars = pareto.share(coarse, name) * (ours + theirs) if spread else pareto.Z * np.hypot(ours, theirs)
         if np.isfinite(bars).any():
             row["error_bar"] = float(np.nanmean(bars))
             row["beyond"] = float((np.abs(gap) > bars).sum())

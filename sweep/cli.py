@@ -262,7 +262,11 @@ def submit(
     force_version: Annotated[bool, typer.Option(help="add to rows of another solver version")] = False,
     dry_run: Annotated[bool, typer.Option(help="show scripts and commands; run and write nothing")] = False,
 ) -> None:
-    """Run what is missing as SLURM jobs, and merge after them."""
+    """Run what is missing as SLURM jobs, and merge after them.
+
+    The designs of a front, which `sweep run` takes by --designs, stand in the study here: its sampler is then
+    `{kind: given, file: front.nc}`.
+    """
     if (array is None) == (ranks is None):
         raise typer.BadParameter("one of --array K and --ranks P is needed", param_hint="--array, --ranks")
     if search and (array is not None or limit is not None or retry):

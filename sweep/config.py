@@ -1035,14 +1035,11 @@ def _check_metrics(draft: Draft) -> None:
 
 
 def _check_objectives(draft: Draft) -> None:
-    objectives, repeats = draft.get("objectives"), draft.get("repeats")
+    objectives = draft.get("objectives")
     if objectives is None or (not objectives and not draft.sure("objectives")):
         return
     devices = lookup(draft.scene.outline, "devices")
     count = len(devices) if isinstance(devices, list) else None
-    environments = draft.get("environments", ())
-    several = sum(len(spread_out(entry, ["seed"])) for entry in environments) > 1
-    aggregated = several or not draft.sure("environments")
     good = [name for name, metric in METRICS.items() if metric.direction]
     for i, name in enumerate(objectives):
         if not draft.sure("objectives", i):
@@ -1050,23 +1047,17 @@ def _check_objectives(draft: Draft) -> None:
         where = f"objectives[{i}]"
         metric = find_metric(name, count)
         said = split_name(name)[1]
-        repeated, said = said[:1] == ("ensemble",), said[said[:1] == ("ensemble",) :]
+        said = said[said[:1] == ("ensemble",) :]
         if metric is None or len(said) > 1 or {"spread", "sd", "ensemble"} & set(said):
             draft.add(where, name, "unknown metric", nearest(name, good))
         elif metric.direction is None:
             problem = "neither more nor less of it is better, so it cannot be an objective"
             draft.add(where, name, problem, f"allowed: {', '.join(good)}")
-        elif metric.needs and not _given(draft, metric.needs):
-            draft.add(where, name, f"cannot be read without `metrics.{metric.needs}`", "give it, or drop the objective")
-        elif said and not aggregated:
-            draft.add(where, name, "aggregates need at least two `environments`")
-        elif repeated and draft.sure("repeats") and not (repeats and repeats.n):
-            draft.add(where, name, "is a mean over perturbed runs", "write e.g. `repeats: {n: 4}`")
+        elif why := _never_known(draft, name, metric):
+            draft.add(where, name, *why)
         elif said and said[0][0] == "q" and (int(said[0][1:]) > 50) != (metric.direction == "min"):
             problem = f"is the good tail: of this metric {'less' if metric.direction == 'min' else 'more'} is better"
             draft.add(where, name, problem, f"write {name.removesuffix(said[0])}q{100 - int(said[0][1:]):02d}")
-        elif metric.name == "chaos" and draft.sure("uncertainty") and draft.get("uncertainty") is None:
-            draft.add(where, name, "is known only from an `uncertainty` section", "e.g. uncertainty: {runs: 4}")
         if name in objectives[:i]:
             draft.add(where, name, "is given twice")
     if not objectives:
@@ -1074,14 +1065,51 @@ def _check_objectives(draft: Draft) -> None:
 
 
 def _check_constraints(draft: Draft) -> None:
+    """That results will hold a number of each: no trusted point keeps a bound on a number that there is not."""
     devices = lookup(draft.scene.outline, "devices")
     count = len(devices) if isinstance(devices, list) else None
     for name in draft.get("constraints", {}):
-        if name not in DESIGN_QUANTITIES and find_metric(name, count) is None:
+        if name in DESIGN_QUANTITIES:
+            continue
+        metric = find_metric(name, count)
+        if metric is None:
             draft.add(f"constraints.{name}", ABSENT, "unknown metric", nearest(name, [*METRICS, *DESIGN_QUANTITIES]))
-        repeats = draft.get("repeats")
-        if re.search("_(ensemble|spread)", name) and draft.sure("repeats") and not (repeats and repeats.n):
-            draft.add(f"constraints.{name}", ABSENT, "is read from perturbed runs", "write e.g. `repeats: {n: 4}`")
+        elif not _held(name, metric):
+            remedy = f"bound `{split_name(name)[0]}`; `sweep metrics` says what may follow it"
+            draft.add(f"constraints.{name}", ABSENT, "is a column that results do not have", remedy)
+        elif why := _never_known(draft, name, metric):
+            draft.add(f"constraints.{name}", ABSENT, *why)
+
+
+def _held(name: str, metric: Metric) -> bool:
+    """Whether results may have a metric's column of this name, or make it from one; see ``dataset``, ``pareto``."""
+    said = split_name(name)[1]
+    if said and said[-1] in ("spread", "sd"):
+        stored = ["mean", "worst", f"q{bad_tail(metric)}"] if metric.direction else ["mean"]
+        return len(said) == 1 or (said[-1] == "sd" and len(said) == 2 and said[0] in stored)
+    said = said[said[:1] == ("ensemble",) :]
+    return not said or (len(said) == 1 and said[0] != "ensemble" and (bool(metric.direction) or said[0] == "mean"))
+
+
+def _never_known(draft: Draft, name: str, metric: Metric) -> tuple[str, str] | None:
+    """Why a metric, or what is said of it, can have no number in this study, and the remedy; None where it can."""
+    stem, said = split_name(name)
+    environments, repeats = draft.get("environments", ()), draft.get("repeats")
+    several = sum(len(spread_out(entry, ["seed"])) for entry in environments) > 1
+    if metric.needs and not _given(draft, metric.needs):
+        return f"cannot be read without `metrics.{metric.needs}`", "give it, or drop this"
+    if any(AGGREGATES.fullmatch(word) for word in said) and not several and draft.sure("environments"):
+        return "aggregates need at least two `environments`", ""
+    if {"ensemble", "spread"} & set(said):
+        if draft.sure("repeats") and not (repeats and repeats.n):
+            return "is read from perturbed runs", "write e.g. `repeats: {n: 4}`"
+        objectives = [split_name(one)[0] for one in draft.get("objectives", StudyFile.objectives)]
+        if draft.sure("objectives") and stem not in objectives:
+            return "is known of objectives only", f"add `{stem}` to the `objectives`, or drop this"
+    asked = metric.name in ("chaos", "chaos_saturated") or "sd" in said
+    if asked and draft.sure("uncertainty") and draft.get("uncertainty") is None:
+        return "is known only from an `uncertainty` section", "e.g. uncertainty: {runs: 4}"
+    return None
 
 
 def _check_optimise(draft: Draft) -> None:

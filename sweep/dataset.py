@@ -105,8 +105,8 @@ def assemble(
             _aggregate(dataset, name, column.reshape(shape))
     for name in [str(name) for name in dataset.data_vars if several and f"{name}_sd" in dataset]:
         for how in aggregates(name):
-            bound = aggregate_deviation(dataset[f"{name}_sd"].values, how)
-            dataset[f"{name}_{how}_sd"] = ("design", bound, _metric_about(f"{name}_{how}_sd"))
+            sd = aggregate_deviation(dataset[f"{name}_sd"].values, how)
+            dataset[f"{name}_{how}_sd"] = ("design", sd, _metric_about(f"{name}_{how}_sd"))
     return dataset
 
 
@@ -115,9 +115,16 @@ def _missing(key: str) -> Record:
 
 
 def _columns(study: Study, found: set[str]) -> list[str]:
-    """Every metric of the scene in declared order, then what else the rows bring (spreads)."""
+    """Every metric of the scene in declared order, then what the study asks of further runs and what else rows bring.
+
+    A study has the columns that it asks for even where no row has: the rows of a search's generation may all be lost.
+    """
     declared = metric_names(len(study.scene.devices))
-    return [*declared, *sorted(found - set(declared))]
+    stems = [split_name(name)[0] for name in study.objectives] if study.repeats.n else []
+    asked = {f"{stem}_{kind}" for stem in stems for kind in ("ensemble", "spread")}
+    if study.settings.uncertainty is not None:
+        asked |= {f"{name}_sd" for name in declared}
+    return [*declared, *sorted((found | asked) - set(declared))]
 
 
 def _aggregate(dataset: xr.Dataset, name: str, values: np.ndarray) -> None:
@@ -171,6 +178,7 @@ def _attributes(study: Study, headers: Sequence[Mapping[str, Any]]) -> dict[str,
         "study": study.text,
         "objectives": json.dumps(list(study.objectives)),
         "constraints": json.dumps({name: asdict(bound) for name, bound in study.constraints.items()}),
+        "repeats": study.repeats.n,
         "criterion": CRITERION,
         "solver": ", ".join(sorted({str(header.get("solver", "")) for header in kept})),
         "versions": json.dumps([header.get("versions", {}) for header in kept]),

@@ -26,6 +26,7 @@ from solvers.scene import End, NonNegative, Number, Positive, Section, record
 NAN = float("nan")
 YEAR = 365.25 * 86400.0  # [s]
 MEGA = 1e6  # S-N curves are in MPa
+MOST_DECADES = 100.0  # of an S-N curve's constant; those of codes have 8 to 40
 ANGLES = 12  # fibres about a cable that bends in two planes
 FLAT = 1e-6  # bending about the second axis, relative, below which a cable bends in one plane
 
@@ -42,8 +43,8 @@ class Limits:
 class Fatigue:
     """A layer of the cable and its fatigue curve.
 
-    ``sn``: N = 10**log_a (range / 1 MPa)**-m, beyond `knee` cycles with the slope `m2`. ``strain_life``: amplitude of
-    strain = strength/E (2N)**strength_exponent + ductility (2N)**ductility_exponent.
+    ``sn``: N = 10**log_a (range / 1 MPa)**-m, beyond `knee` cycles with the slope `m2` of at least `m`.
+    ``strain_life``: amplitude of strain = strength/E (2N)**strength_exponent + ductility (2N)**ductility_exponent.
     """
 
     curve: Literal["sn", "strain_life"] = "sn"
@@ -77,6 +78,16 @@ class Fatigue:
             wrong.append(f"`curve: {self.curve}` has no {', '.join(f'`{name}`' for name in given)}")
         if (self.m2 is None) != (self.knee is None):
             wrong.append("`m2` and `knee` belong together")
+        if self.m is not None and self.m2 is not None and self.m2 < self.m:
+            problem = f"`m2: {self.m2:g}` must be at least `m`, {self.m:g}"
+            wrong.append(f"{problem}: beyond the knee small ranges do less, not more (m: 3 goes with m2: 5)")
+        if self.log_a is not None and abs(self.log_a) > MOST_DECADES:
+            most = f"{-MOST_DECADES:g} to {MOST_DECADES:g}"
+            wrong.append(f"`log_a: {self.log_a:g}` must be {most}: it is for ranges in MPa, not Pa")
+        elif self.m is not None and self.log_a is not None and self.knee is not None:
+            decades = (self.log_a - math.log10(self.knee)) / self.m
+            if abs(decades) > MOST_DECADES / 2:
+                wrong.append(f"`log_a` and `m` put the `knee` at 1e{decades:+.0f} MPa, beyond any stress")
         if any((getattr(self, name) or -1.0) >= 0 for name in ("strength_exponent", "ductility_exponent")):
             wrong.append("`strength_exponent` and `ductility_exponent` must be below 0")
         if wrong:
@@ -127,8 +138,9 @@ class Fatigue:
             return float(2 * self.E * self._strain(np.array(cycles)))
         m, a, m2, knee = self._numbers("m", "log_a", "m2", "knee")
         if cycles > knee:
-            return MEGA * (10.0**a / knee) ** (1 / m) * (cycles / knee) ** (-1 / m2)
-        return float(MEGA * (10.0**a / cycles) ** (1 / m))
+            return float(MEGA * (10.0**a / knee) ** (1 / m) * (cycles / knee) ** (-1 / m2))
+        with np.errstate(over="ignore"):  # of a slope near 0: infinite
+            return float(MEGA * np.power(10.0**a / cycles, 1 / m))
 
 
 class Wear(NamedTuple):

@@ -479,12 +479,12 @@ def rms_reduction(run: Summary, base: Summary) -> float:
     return 1 - _ratio(run.rms(run.x2), base.rms(base.x2))
 
 
-@metric("m", "min", "RMS of |x| at the probe from the pulse's end on; NaN without a probe")
+@metric("m", "min", "RMS of |x| at the probe from the pulse's end on; NaN without a probe", needs="probe")
 def rms_probe(run: Summary, base: Summary) -> float:
     return run.rms(run.probe2)
 
 
-@metric("1", "max", "1 minus rms_probe over that of the baseline", "section 4")
+@metric("1", "max", "1 minus rms_probe over that of the baseline", "section 4", needs="probe")
 def rms_probe_reduction(run: Summary, base: Summary) -> float:
     return 1 - _ratio(run.rms(run.probe2), base.rms(base.probe2))
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 from collections.abc import Sequence
+from contextlib import suppress
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -59,10 +60,11 @@ def aggregate(values: np.ndarray, how: str, better: str | None) -> np.ndarray:
 
 
 def aggregate_deviation(deviations: np.ndarray, how: str) -> np.ndarray:
-    """A bound of the standard uncertainty of an aggregate: (n, m) of the environments to (n,).
+    """An estimate of the standard uncertainty of an aggregate: (n, m) of the environments to (n,).
 
     For the mean their mean, which it is where their errors go together, as those of a mesh do, and which it stays below
-    where they do not; for the worst and for quantiles the largest.
+    where they do not. For the worst and for quantiles the largest, which is no bound: which environment is the worst is
+    itself uncertain, and a maximum of noisy numbers is also biased.
     """
     return np.asarray(deviations.mean(axis=1) if how == "mean" else deviations.max(axis=1))
 
@@ -106,18 +108,27 @@ def costs(dataset: xr.Dataset, objectives: Sequence[str]) -> np.ndarray:
 def excesses(dataset: xr.Dataset) -> dict[str, np.ndarray]:
     """Each constraint of the study, as ``stroke <= 0.3``: (n,) by how much it is broken; at most 0 where it is kept.
 
-    With several environments the worst of them counts. NaN where there is no number.
+    With several environments the worst of them counts, and of an aggregate over them its one number. NaN where there
+    is no number.
     """
     found = {}
     for name, bound in json.loads(dataset.attrs.get("constraints", "{}")).items():
         for side, sign in (("min", -1.0), ("max", 1.0)):
             if bound[side] is not None:
-                values = dataset[name] if name in dataset else (dataset["status"] == "OK") * np.nan
-                over = sign * (values - bound[side])
+                over = sign * (_bounded(dataset, name) - bound[side])
                 if "environment" in over.dims:
                     over = over.max("environment", skipna=False)
                 found[f"{name} {'>=' if side == 'min' else '<='} {bound[side]:g}"] = over.to_numpy()
     return found
+
+
+def _bounded(dataset: xr.Dataset, name: str) -> xr.DataArray:
+    """What a constraint bounds: a column, or an aggregate that is none; NaN where results have neither."""
+    if name in dataset:
+        return dataset[name]
+    with suppress(ValueError):
+        return column(dataset, name)
+    return (dataset["status"] == "OK") * np.nan
 
 
 def allowed(dataset: xr.Dataset) -> np.ndarray:
@@ -158,7 +169,11 @@ def best(dataset: xr.Dataset, objectives: Sequence[str], among: np.ndarray | Non
 
 
 def deviations(dataset: xr.Dataset, objectives: Sequence[str]) -> np.ndarray:
-    """(n, n_objective) standard uncertainty of each objective; NaN where it is not known, or was not asked for."""
+    """(n, n_objective) standard uncertainty of each objective; NaN where it is not known, or was not asked for.
+
+    Of an ``_ensemble`` it is that of one run, of which its mean has the numerical part and less of the chance: too many
+    points are tied rather than too few.
+    """
     found = np.full((len(trusted(dataset)), len(objectives)), np.nan)
     for j, name in enumerate(objectives):
         stem, words = split_name(name)
@@ -173,7 +188,11 @@ def deviations(dataset: xr.Dataset, objectives: Sequence[str]) -> np.ndarray:
 
 def spreads(dataset: xr.Dataset, objectives: Sequence[str]) -> np.ndarray:
     """(n, n_objective) half range of each objective over perturbed repetitions: 0 where none were asked for, inf where
-    they were asked for and none could be trusted (such a point is tied with every other)."""
+    they were asked for and none could be trusted (such a point is tied with every other).
+
+    Of an ``_ensemble``, the mean of n + 1 runs, it is divided by sqrt(n + 1), as a mean's deviation is, where results
+    say how many repetitions n the study asks for. It is a little small where some of them were not trusted.
+    """
     n = len(trusted(dataset))
     found = np.zeros((n, len(objectives)))
     for j, name in enumerate(objectives):
@@ -182,14 +201,26 @@ def spreads(dataset: xr.Dataset, objectives: Sequence[str]) -> np.ndarray:
             spread = dataset[f"{stem}_spread"]
             if "environment" in spread.dims:
                 spread = spread.max("environment", skipna=False)
-            found[:, j] = np.nan_to_num(spread.to_numpy().astype(float), nan=np.inf)
+            found[:, j] = share(dataset, name) * np.nan_to_num(spread.to_numpy().astype(float), nan=np.inf)
     return found
+
+
+def share(dataset: xr.Dataset, name: str) -> float:
+    """The error bar of a metric over that of one run: 1/sqrt(n + 1) for an ``_ensemble`` of a run and n repetitions."""
+    repeats = int(dataset.attrs.get("repeats", 0)) if "ensemble" in split_name(name)[1] else 0
+    return float((repeats + 1) ** -0.5)
 
 
 def barred(dataset: xr.Dataset, objectives: Sequence[str]) -> list[str]:
     """Where each objective's error bar is from: ``sd``, ``spread``, or '' where it has none and ties are not known."""
     stems = [split_name(name)[0] for name in objectives]
     return [next((kind for kind in ("sd", "spread") if f"{stem}_{kind}" in dataset), "") for stem in stems]
+
+
+def bars(dataset: xr.Dataset, objectives: Sequence[str]) -> np.ndarray:
+    """(n, n_objective) the error bars that :func:`barred` names; 0, inf or NaN where there are none."""
+    kinds = np.array(barred(dataset, objectives)) == "sd"
+    return np.where(kinds, deviations(dataset, objectives), spreads(dataset, objectives))
 
 
 def significant(
@@ -214,8 +245,8 @@ def significant(
     kept: list[int] = []
     for i in order:
         gaps = np.abs(values[kept] - values[i])
-        bars = np.where(normal, z * np.hypot(sds[kept], sds[i]), widths[kept] + widths[i])
-        if not np.any(np.all(gaps <= bars, axis=1)):
+        near = np.where(normal, z * np.hypot(sds[kept], sds[i]), widths[kept] + widths[i])
+        if not np.any(np.all(gaps <= near, axis=1)):
             kept.append(int(i))
     found = np.zeros(len(chosen), dtype=bool)
     found[kept] = True

@@ -102,7 +102,7 @@ def points_of(dataset: xr.Dataset, objectives: Sequence[str] | None = None) -> P
     found = Points(
         kinds,
         {name: pareto.column(dataset, name).values.astype(float) for name in names},
-        dict(zip(names, _bars(dataset, names).T, strict=True)),
+        dict(zip(names, pareto.bars(dataset, names).T, strict=True)),
         {
             str(name): _numbered(coord)
             for name, coord in dataset.coords.items()
@@ -126,10 +126,6 @@ def _numbered(variable: xr.DataArray) -> xr.DataArray:
     words, codes = np.unique(variable.values.astype(str), return_inverse=True)
     meaning = ", ".join(f"{i} {word}" for i, word in enumerate(words))
     return xr.DataArray(codes.astype(float), dims=variable.dims, name=f"{variable.name}: {meaning}")
-def _bars(dataset: xr.Dataset, names: Sequence[str]) -> np.ndarray:
-    """(n, n_objective) error bars: standard uncertainties, or else half ranges over repeats; 0 or inf without one."""
-    kinds = np.array(pareto.barred(dataset, names)) == "sd"
-    return np.where(kinds, pareto.deviations(dataset, names), pareto.spreads(dataset, names))
 
 
 def _is_log(values: np.ndarray) -> bool:

@@ -19,7 +19,7 @@ from rich.table import Table
 from .config import Study, find_metric, split_name
 from .distribute import Done
 from .locks import Holder
-from .pareto import allowed, barred, column, deviations, excesses, trusted
+from .pareto import allowed, barred, bars, column, excesses, share, trusted
 from .plan import PilotRun, Plan
 from .store import Journal, outcome
 
@@ -34,7 +34,8 @@ SETTLED, MARCHED = ("harmonics", "multiplier"), ("steps_per_period",)  # columns
 
 SUFFIXES = """Over several environments: <metric>_mean, _worst, and _qNN, the quantile below which NN % of them lie; the
 bad tail is q10 where more is better and q90 where less is. With `uncertainty` in the study: <metric>_sd, its standard
-uncertainty; with `repeats`: <metric>_spread of the objectives, half their range over perturbed runs."""
+uncertainty; with `repeats`: <metric>_spread of the objectives, half their range over a run and its perturbed
+repetitions, and <metric>_ensemble, their mean, which may be an objective itself and has _mean, _worst and _qNN too."""
 
 log = logging.getLogger(__name__)
 
@@ -182,7 +183,7 @@ def front_table(
     variables = [str(name) for name, c in dataset.coords.items() if c.dims == (index,) and name != "design"]
     columns = {name: column(dataset, name).values for name in objectives}
     keys = dataset["key"].values.reshape(dataset.sizes[index], -1)[:, 0]
-    bars = deviations(dataset, objectives)
+    widths = bars(dataset, objectives)
     first = columns[objectives[0]]
     rows = [
         (
@@ -190,7 +191,7 @@ def front_table(
             *(dataset[name].values[i].item() if dataset[name].dtype.kind == "f" else str(dataset[name].values[i])
               for name in variables),
             *(
-                _with_bar(float(columns[name][i]), float(bars[i, j]), kind)
+                _with_bar(float(columns[name][i]), float(widths[i, j]), kind)
                 for j, (name, kind) in enumerate(zip(objectives, barred(dataset, objectives), strict=True))
             ),
             "best" if i == best else "tied" if mark else "",
@@ -211,9 +212,9 @@ def broken_constraints(dataset: xr.Dataset) -> str:
     return f"left out: {total} trusted points that break {said}" if said else ""
 
 
-def _with_bar(value: float, sd: float, kind: str) -> str:
-    """A value with its standard uncertainty, or a question mark where that is not known."""
-    return number(value) + ("" if kind != "sd" else f" ± {sd:.2g}" if sd == sd else " ± ?")
+def _with_bar(value: float, bar: float, kind: str) -> str:
+    """A value with its error bar, or a question mark where that is not known."""
+    return number(value) + ("" if not kind else f" ± {bar:.2g}" if np.isfinite(bar) else " ± ?")
 
 
 def ties_note(
@@ -221,7 +222,7 @@ def ties_note(
 ) -> str:
     """What the error bars of a front are, which are not known, and how many points they tie."""
     kinds = dict(zip(objectives, barred(dataset, objectives), strict=True))
-    bars = dict(zip(objectives, deviations(dataset, objectives)[chosen].T, strict=True))
+    widths = dict(zip(objectives, bars(dataset, objectives)[chosen].T, strict=True))
     lines = []
     for kind, words in (
         ("sd", f"standard uncertainty of {{}}: points closer than {z:g} sd of their difference are tied"),
@@ -230,9 +231,16 @@ def ties_note(
     ):
         names = [name for name, found in kinds.items() if found == kind]
         lines += [words.format(", ".join(names))] if names else []
-    for name, found in bars.items():
-        lost = int(np.isnan(found).sum())
-        if kinds[name] == "sd" and lost:
+    means = [name for name in objectives if "ensemble" in split_name(name)[1]]
+    if single := [name for name in means if kinds[name] and (kinds[name] == "sd" or share(dataset, name) == 1)]:
+        said = ", ".join(single)
+        lines.append(f"error bars of {said} are those of one run; their means are known better, and fewer are tied")
+    if shared := [name for name in means if kinds[name] == "spread" and share(dataset, name) < 1]:
+        runs = int(dataset.attrs["repeats"]) + 1
+        lines.append(f"half ranges of {', '.join(shared)} are divided by sqrt({runs}), as means of {runs} runs")
+    for name, found in widths.items():
+        lost = int((~np.isfinite(found)).sum())
+        if kinds[name] and lost:
             lines.append(f"uncertainty of {name} unknown at {lost} of {len(found)} points: these tie there with any")
     if any(kinds.values()):
         lines.append(f"{int(np.sum(tied))} of {len(tied)} points of the front are tied with a better one")
@@ -261,7 +269,7 @@ def one_point(dataset: xr.Dataset, key: str, criterion: bool = False) -> str:
     point = dataset.isel(dict(zip(dataset["key"].dims, place, strict=True)))
     index = "design" if "environment" in dataset.dims else "point"
     names = [str(name) for name in point.data_vars]
-    metrics = [n for n in names if _stem(n) == n and find_metric(n) is not None]
+    metrics = [n for n in names if find_metric(n) is not None and split_name(n)[1] in ((), ("ensemble",))]
     shown = ["key", "status", "message", *(str(n) for n in point.coords)]
     shown += [n for n in names if n not in shown and _stem(n) not in metrics]
     harmonic = "method" in point and str(point["method"].values) == "harmonic"
@@ -277,10 +285,8 @@ def one_point(dataset: xr.Dataset, key: str, criterion: bool = False) -> str:
     heads = [kind for kind in aggregates if kind[0] != "q"] + (["bad tail"] if tails else [])
     rows = []
     for name in metrics:
-        spread = f" ± {number(point[f'{name}_spread'].item())}" if f"{name}_spread" in point else ""
-        if f"{name}_sd" in point:
-            sd = point[f"{name}_sd"].item()
-            spread = f" ± {sd:.2g}" if sd == sd else " ± ?"
+        kind = next((kind for kind in ("sd", "spread") if f"{name}_{kind}" in point), "")
+        value = _with_bar(point[name].item(), point[f"{name}_{kind}"].item() if kind else 0.0, kind)
         plain = [f"{name}_{kind}" for kind in heads if kind != "bad tail"]
         cells = [number(point[n].item()) if n in point else "" for n in plain]
         if tails:
@@ -290,7 +296,7 @@ def one_point(dataset: xr.Dataset, key: str, criterion: bool = False) -> str:
         rows.append(
             (
                 name,
-                number(point[name].item()) + spread,
+                value,
                 *cells,
                 _unit(about).strip(),
                 about.get("long_name", ""),
@@ -486,7 +492,8 @@ def audited(data: xr.Dataset, console: Console) -> str:
     lines += ["", table("disagreement, audit less study", columns, rows, console)]
     lines.append(
         "deviation: standard deviation over the study's trusted points. error bar: sum of both spreads over perturbed "
-        "runs" + ("" if np.isfinite(data["error_bar"]).any() else ", of which this study has none (`repeats`)") + "."
+        "runs (`repeats`), or else 1.96 standard uncertainties of the difference (`uncertainty`)"
+        + ("" if np.isfinite(data["error_bar"]).any() else ", of which this study has none") + "."
     )
     ties = data.sizes[dim] - int(np.count_nonzero(good.all(axis=1)))
     return "\n".join(lines + ([f"{ties} designs say nothing: one of their points is not trusted"] if ties else []))

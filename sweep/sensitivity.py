@@ -23,7 +23,7 @@ import xarray as xr
 from .config import Study, find_metric
 from .pareto import column
 from .space import LEVELS, block_size, problem, salib, unit_samples
-from .store import open_study, outcome, study_of
+from .store import open_study, outcome, searched, study_of
 
 LEAST = {"saltelli": 16, "morris": 4, "given": 64}  # blocks or points, below which indices mean nothing
 RESAMPLES = 200
@@ -55,7 +55,12 @@ class Left(NamedTuple):
 
 
 def sensitivity_of(directory: str | Path, names: Sequence[str] = ()) -> xr.Dataset:
-    """As :func:`indices`, of a folder; by default for the study's objectives."""
+    """As :func:`indices`, of a folder; by default for the study's objectives. ValueError for the folder of a search."""
+    if searched(directory):
+        raise ValueError(
+            f"{directory} holds a search, which chooses its designs: `sweep run` the study with "
+            "`sampler: {kind: saltelli, n: 64}` in a folder of its own"
+        )
     study, results = study_of(directory), open_study(directory)
     return indices(study, results, names or study.objectives)
 
@@ -77,13 +82,17 @@ def indices(study: Study, results: xr.Dataset, names: Sequence[str], seed: int =
     Raises
     ------
     ValueError
-        Where the design has no variables or is a grid, a metric is unknown, or SALib is not installed.
+        Where the design has no variables, is a grid or given, a metric is unknown, or SALib is not installed.
     """
     sampler = study.sampler
     if sampler is None or not study.variables:
         raise ValueError("the study has no design to take indices from: it needs `variables` and a `sampler`")
     if sampler.kind == "grid":
         raise ValueError("a grid has no sensitivity indices: use `kind: saltelli` or `morris`, or a random design")
+    if sampler.kind == "given":
+        raise ValueError(
+            "given designs have no sensitivity indices: they are not drawn at random. Use `kind: saltelli` or `morris`"
+        )
     kind = sampler.kind if sampler.kind in ("saltelli", "morris") else "given"
     salib()
     index = "design" if "environment" in results.dims else "point"

@@ -103,6 +103,7 @@ def costly(point: Point) -> Record:
 
 def known_front(point: Point) -> Record:
     """Two objectives with a known front over ``x`` and ``y`` in [0, 1]: gamma = 1 - sqrt(delta) at y = 0 (as ZDT1).
+    The stroke is x + y, 0.2 less in each further environment.
 
     FAKE_BAD: designs whose x is in the middle of so many parts of [0, 1] fail, are untrusted with objectives that would
     be on any front, or have NaN beside such an objective, in turn. FAKE_SECONDS as in ``planned``.
@@ -110,7 +111,7 @@ def known_front(point: Point) -> Record:
     time.sleep(float(os.environ.get("FAKE_SECONDS", "0")))
     x, y = point.values["x"], point.values["y"]
     g = 1 + 9 * y
-    metrics = {"delta": x, "rms": g * (1 - (x / g) ** 0.5), "stroke": x + y}
+    metrics = {"delta": x, "rms": g * (1 - (x / g) ** 0.5), "stroke": x + y - 0.2 * point.environment}
     parts = int(os.environ.get("FAKE_BAD", "0"))
     status, place = "OK", x * parts % 1
     if parts and 0.25 < place < 0.5:

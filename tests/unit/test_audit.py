@@ -112,6 +112,18 @@ def test_differences_ranks_and_the_front_by_hand():
     assert "beyond its error bar" in text
 
 
+def test_standard_uncertainties_are_error_bars_and_no_metrics():
+    """Differences of 0.03 and 0.01 against 1.96 hypot(0.006, 0.008) = 0.0196; a spread is preferred."""
+    columns = {"delta": [0.10, 0.20], "gamma": [0.1, 0.2], "gamma_spread": [0.1, 0.1], "gamma_sd": [0.0, 0.0]}
+    data = results(["OK"] * 2, **columns, delta_sd=[0.006, 0.006])
+    fine = results(["OK"] * 2, **(columns | {"delta": [0.13, 0.21]}), delta_sd=[0.008, 0.008])
+    found = compared(data, fine, np.arange(2), np.ones(2, dtype=bool), ["delta", "gamma"]).set_index(metric="metric")
+    assert list(found["metric"].values) == ["delta", "gamma"]
+    assert float(found.sel(metric="delta")["error_bar"]) == pytest.approx(0.0196)
+    assert found["beyond"].values.tolist() == [1, 0]
+    assert float(found.sel(metric="gamma")["error_bar"]) == pytest.approx(0.2)
+
+
 def test_what_the_audit_does_not_trust_is_compared_with_nothing():
     data = results(["OK"] * 3, delta=[0.1, 0.2, 0.3], gamma=[0.1, 0.2, 0.3])
     fine = results(["OK", "ENERGY_OPEN", "OK"], delta=[0.1, 99.0, 0.3], gamma=[0.1, 99.0, 0.3])

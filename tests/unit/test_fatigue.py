@@ -79,6 +79,9 @@ def test_curves():
     N = float(LIFE.cycles(np.array(6e8)))
     assert 6e8 / 2 / 1.2e11 == pytest.approx(5e8 / 1.2e11 * (2 * N) ** -0.09 + 0.3 * (2 * N) ** -0.6)
     assert SN.damage(np.array([0.0]), np.array([1.0])) == 0.0
+    flat = Fatigue(E=1e11, m=0.05, log_a=100.0)  # the extremes of what is allowed overflow to infinity, and say no more
+    assert flat.equivalent(1e-9) == math.inf
+    assert np.isfinite(flat.cycles(spans)).all()
 
 
 def test_goodman():
@@ -248,6 +251,9 @@ def test_settings_in_a_study():
     assert "fatigue" not in str(MetricSettings(**bare).fatigue)
 
 
+SN3 = {"E": 1e11, "m": 3, "log_a": 12}
+
+
 @pytest.mark.parametrize(
     ("metrics", "objectives", "says"),
     [
@@ -257,6 +263,9 @@ def test_settings_in_a_study():
         ({"fatigue": {"E": 1e11, "m": 3}}, ["delta"], "needs `log_a`"),
         ({"fatigue": {"E": 1e11, "m": 3, "log_a": 12, "m2": 5}}, ["delta"], "belong together"),
         ({"fatigue": {"E": 1e11, "m": 3, "log_a": 12, "ductility": 0.1}}, ["delta"], "has no `ductility`"),
+        ({"fatigue": SN3 | {"m": 5, "m2": 3, "knee": 1e7}}, ["delta"], "`m2: 3` must be at least `m`, 5"),
+        ({"fatigue": SN3 | {"log_a": 400}}, ["delta"], "`log_a: 400` must be -100 to 100"),
+        ({"fatigue": SN3 | {"m": 0.1, "m2": 1, "knee": 1e6}}, ["delta"], "at 1e+60 MPa"),
         ({"fatigue": {"E": 1e11, "m": 3, "log_a": 12, "knee_": 1}}, ["delta"], "knee"),
     ],
 )

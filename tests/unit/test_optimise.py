@@ -27,6 +27,7 @@ from sweep.child import guarded, locate, numbered
 from sweep.config import parse_study
 from sweep.optimise import CURVE, Evolution, Surrogate, progress_of, volume
 from sweep.plan import read_plan
+from sweep.sensitivity import sensitivity_of
 from sweep.space import made
 from sweep.store import OtherVersion, StoreError, read_records
 from sweep.supervise import CannotRun
@@ -197,6 +198,54 @@ def test_constraints_on_metrics(quick, tmp_path):
     last = dataset["stroke"].values[-16:]
     assert np.mean(last >= 0.6) > 0.6  # the search has learnt it: 0.58 of the square, and its better half, break it
     assert curve(tmp_path)["left_out"].values.sum() == np.count_nonzero(dataset["stroke"].values < 0.6)
+
+
+def test_a_constraint_holds_in_every_environment(quick, tmp_path):
+    """stroke is x + y on the clean cable, 0.2 less on the fouled one, at least 0.6 on both: the front is at 0.8."""
+    cables = [{"name": "clean"}, {"name": "fouled", "set": {"cable[0].mass": 5.0}}]
+    made_study = study(
+        environments=cables, objectives=["delta_worst", "rms"], constraints={"stroke": {"min": 0.6}},
+        optimise={"reference": {"delta_worst": 1.1, "rms": 1.1}},
+    )  # fmt: skip
+    search(made_study, tmp_path)
+    dataset = results(tmp_path)
+    assert dict(dataset.sizes) == {"design": 112, "environment": 2}
+    sums = dataset["x"].values + dataset["y"].values
+    assert dataset["stroke"].values == pytest.approx(np.column_stack([sums, sums - 0.2]))
+    front = pareto.front(dataset, made_study.objectives)
+    assert len(front) > 3
+    assert (sums[front] >= 0.8 - 1e-12).all()
+    assert ((sums >= 0.6) & (sums < 0.8)).any()  # these keep the bound on the clean cable alone, and are left out
+    assert curve(tmp_path)["left_out"].values.sum() == np.count_nonzero(dataset["stroke"].values.min(axis=1) < 0.6)
+    assert np.mean(sums[-16:] >= 0.8) > 0.4  # the search has learnt it: 0.68 of the square break it
+
+
+def test_a_search_for_means_over_repetitions_lives_through_a_generation_without_any(quick, tmp_path, monkeypatch):
+    """Rows that fail have no `delta_ensemble`: no column would be left where all of a generation do."""
+    monkeypatch.setenv("FAKE_BAD", "1")  # x in [0.25, 0.5] diverges
+    raw = {"x": {"field": "devices[0].drag", "linear": [0.26, 0.49]}, "y": STUDY["variables"]["y"]}
+    names = ["delta_ensemble", "rms_ensemble"]
+    section = {"population": 4, "evaluations": 12, "reference": {}}
+    made_study = study(variables=raw, objectives=names, repeats={"n": 2}, optimise=section)
+    search(made_study, tmp_path)
+    dataset = results(tmp_path)
+    assert set(dataset["status"].values) == {"DIVERGED"}
+    assert not len(pareto.front(dataset, names))
+    assert np.isnan(curve(tmp_path)["hypervolume"].values).all()
+    said = CliRunner().invoke(cli.app, ["pareto", str(tmp_path)])
+    assert said.exit_code == 0, said.output
+    assert "no trusted points" in said.output
+    (tmp_path / "results.nc").unlink()  # from the journals, as while it runs
+    assert CliRunner().invoke(cli.app, ["pareto", str(tmp_path)]).exit_code == 0
+
+
+def test_a_search_has_no_sensitivity_indices(quick, tmp_path):
+    """Its study may have a sampler as well, whose designs are not those of the folder."""
+    search(study(sampler={"kind": "random", "n": 100}), tmp_path, evaluations=20)
+    with pytest.raises(ValueError, match="holds a search, which chooses its designs"):
+        sensitivity_of(tmp_path)
+    said = CliRunner().invoke(cli.app, ["sensitivity", str(tmp_path)])
+    assert isinstance(said.exception, StoreError)  # which the command's entry tells in a sentence
 
 
 PARTS = {

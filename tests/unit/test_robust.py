@@ -19,7 +19,17 @@ from sweep.across import across
 from sweep.config import Environment, bad_tail, find_metric, load_study, parse_study, split_name, spread_out
 from sweep.dataset import assemble
 from sweep.evaluate import clear_baselines
-from sweep.pareto import aggregate, aggregate_deviation, aggregates, barred, column, deviations, significant
+from sweep.pareto import (
+    aggregate,
+    aggregate_deviation,
+    aggregates,
+    barred,
+    column,
+    deviations,
+    excesses,
+    significant,
+    spreads,
+)
 from sweep.plan import make_plan
 from sweep.point import Record
 from sweep.report import front_table, one_point, ties_note
@@ -187,6 +197,10 @@ def test_show_has_the_bad_tail_and_the_deviation():
     assert line.split()[:7] == ["gamma", "0.1", "±", "0.1", "0.3", "0.1", "0.12"]
     assert "(q10)" in line
     assert "± ?" in one_point(rows([[0.1, 0.2, 0.6]], [[math.nan] * 3]), key)
+    repeated = rows([[0.1, 0.2, 0.6]])
+    repeated["gamma_ensemble"] = repeated["gamma"] + 0.05
+    line = next(line for line in one_point(repeated, key).splitlines() if line.startswith("gamma_ensemble"))
+    assert line.split()[1] == "0.15"
 
 
 @pytest.mark.parametrize(
@@ -210,6 +224,60 @@ def test_objectives_that_mean_nothing(objective, words):
 def test_one_environment_has_no_tail():
     found = mistakes(tiny(environments=[{"name": "sea", "seeds": 1}], objectives=["gamma_q10"]))
     assert "at least two `environments`" in str(found["objectives[0]"])
+
+
+@pytest.mark.parametrize(
+    ("name", "words"),
+    [
+        ("fatigue_use", "without `metrics.fatigue`"),
+        ("use_breaking_load", "without `metrics.limits.breaking_load`"),
+        ("rms_probe", "without `metrics.probe`"),
+        ("chaos", "`uncertainty` section"),
+        ("chaos_saturated", "`uncertainty` section"),
+        ("delta_sd", "`uncertainty` section"),
+        ("delta_worst", "at least two `environments`"),
+        ("delta_q80", "at least two `environments`"),
+        ("delta_ensemble", "perturbed runs"),
+        ("delta_worst_mean", "results do not have"),
+        ("delta_sd_worst", "results do not have"),
+        ("delta_q80_sd", "results do not have"),
+        ("jumps_worst", "results do not have"),
+        ("delt", "unknown metric"),
+    ],
+)
+def test_bounds_on_numbers_that_there_will_never_be(name, words):
+    raw = tiny(constraints={"gamma": {"min": 0.0}, name: {"max": 1.0}})
+    found = mistakes(raw)
+    assert list(found) == [f"constraints.{name}"]
+    assert words in str(found[f"constraints.{name}"])
+
+
+def test_spreads_are_of_objectives():
+    found = mistakes(tiny(objectives=["gamma"], repeats={"n": 2}, constraints={"delta_spread": {"max": 0.1}}))
+    assert "add `delta` to the `objectives`" in str(found["constraints.delta_spread"])
+
+
+def test_bounds_on_numbers_that_there_are():
+    """Every kind of name that the check lets pass has a number in results whose rows have all of theirs."""
+    names = ["delta", "delta_mean", "delta_worst", "delta_q80", "delta_q10", "delta_sd", "delta_q90_sd", "jumps_mean",
+             "delta_ensemble", "delta_ensemble_q80", "delta_spread", "fatigue_use", "use_breaking_load", "chaos_worst",
+             "jumps_mean_sd", "rms_probe"]  # fmt: skip
+    metrics = {"fatigue": {"E": 1e11, "m": 3, "log_a": 12}, "limits": {"breaking_load": 1e5}, "probe": 1.0}
+    found = parse_study(tiny(
+        environments=[{"name": "sea", "seeds": 3}], objectives=["delta"], repeats={"n": 2}, uncertainty={},
+        metrics=metrics, constraints={name: {"max": 0.5} for name in names},
+    ))  # fmt: skip
+    plan = make_plan(found, 1)
+    columns = [str(name) for name, c in assemble(found, plan, {}).data_vars.items() if "direction" in c.attrs]
+    own = [name for name in columns if not set(split_name(name)[1]) & {"mean", "worst", "q10", "q90"}]
+    records = {key: Record(key=key, design=0, environment=0, values={}, status="OK", metrics=dict.fromkeys(own, v))
+               for key, v in zip(plan.keys, (0.1, 0.3, 0.9), strict=True)}  # fmt: skip
+    over = excesses(assemble(found, plan, records))
+    assert list(over) == [f"{name} <= 0.5" for name in names]
+    assert np.isfinite(list(over.values())).all(), over
+    worst, mean, tail = 0.9 - 0.5, 1.3 / 3 - 0.5, 0.3 + 0.6 * 0.6 - 0.5  # 0.8 of two steps: 0.6 of the second
+    expected = {"delta": worst, "delta_mean": mean, "delta_worst": worst, "delta_q80": tail, "delta_ensemble_q80": tail}
+    assert {name: over[f"{name} <= 0.5"][0] for name in expected} == pytest.approx(expected)
 
 
 # ------------------------------------------------------------------------------------------ ties
@@ -245,6 +313,32 @@ def test_an_unknown_deviation_ties_and_is_said():
     table = front_table(found, ["delta", "gamma"], chosen, ~kept, 0, Console(force_terminal=False))
     assert "0.3 ± ?" in table
     assert "0.5 ± 0.1" in table
+
+
+def test_a_mean_of_runs_is_known_better_than_one():
+    """Half ranges of 0.03 tie 0.30 and 0.34 of single runs; of means of 4 runs they are 0.015, and do not."""
+    bars = {"delta_spread": [0.03, 0.03], "gamma_spread": [0.3, math.nan]}
+    found = results(delta=[0.3, 0.34], delta_ensemble=[0.3, 0.34], gamma_ensemble=[0.5, 0.6], **bars)
+    known, chosen = found.assign_attrs(repeats=3), np.array([0, 1])
+    assert spreads(known, ["delta", "delta_ensemble"])[0] == pytest.approx([0.03, 0.015])
+    names = ["delta_ensemble", "gamma_ensemble"]
+    assert significant(found, names).sum() == 1
+    assert significant(known, names).all()
+    note = ties_note(known, names, chosen, np.array([False, False]), 1.96)
+    assert "half ranges of delta_ensemble, gamma_ensemble are divided by sqrt(4), as means of 4 runs" in note
+    assert "uncertainty of gamma_ensemble unknown at 1 of 2 points" in note
+    assert "those of one run" not in note
+    assert "error bars of delta_ensemble, gamma_ensemble are those of one run" in ties_note(
+        found, names, chosen, np.array([False, True]), 1.96
+    )
+    sds = known.assign(delta_sd=("point", [0.03, 0.03]))
+    assert "error bars of delta_ensemble are those of one run" in ties_note(
+        sds, names, chosen, np.array([False, True]), 1.96
+    )
+    table = front_table(known, names, chosen, np.array([False, False]), 0, Console(force_terminal=False))
+    assert "0.34 ± 0.015" in table
+    assert "0.5 ± 0.15" in table
+    assert "0.6 ± ?" in table
 
 
 def test_without_error_bars_nothing_is_claimed():

@@ -8,6 +8,7 @@ import math
 import numpy as np
 import pytest
 import xarray as xr
+import yaml
 from rich.console import Console
 from test_config import study
 
@@ -182,6 +183,10 @@ def test_what_has_no_indices_says_so(monkeypatch):
     grid = parse_study(study(sampler={"kind": "grid", "n": 3}))
     with pytest.raises(ValueError, match="a grid has no sensitivity indices"):
         indices(grid, results(made), ["delta"])
+    front = {"kind": "given", "values": {key: [0.1, 0.2, 0.3] for key in ("x1", "x2", "x3")}}
+    listed = parse_study(yaml.safe_load(made.text) | {"sampler": front})
+    with pytest.raises(ValueError, match="given designs have no sensitivity indices"):
+        indices(listed, results(listed), ["delta"])
     monkeypatch.setattr(space, "find_spec", lambda name: None)
     with pytest.raises(ConfigError, match=r"needs the package SALib.*\n?.*cable-sweep\[analysis\]"):
         designs(made)
