@@ -111,7 +111,7 @@ def test_why_there_is_no_period(scene: Scene, words: str) -> None:
     assert math.isnan(period)
     assert words in why
     assert settled.why_not(scene) == why
-    with pytest.raises(CannotRepresent, match=re.escape(f"harmonic: {why}; methods that can: dopri5, rk4")):
+    with pytest.raises(CannotRepresent, match=re.escape(f"harmonic: {why}; methods that can: dopri5, tsit5, rk4")):
         cheapest(scene, Ask(duration=5.0, method="harmonic", segments=12))
     assert cheapest(scene, Ask(duration=5.0, segments=12)).method == "dopri5"
 
