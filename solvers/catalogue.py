@@ -526,7 +526,8 @@ def apart(one: Response, other: Response) -> float:
     x, y = (run.signals["position"] - run.signals["static_position"] for run in (one, other))
     size = float(np.sqrt((y**2).mean()))
     gap = float(np.sqrt(((x - y) ** 2).mean()))
-    if max(size, gap) <= STILL * float(np.abs(other.signals["position"]).max()):
+    path = float(np.abs(other.signals["velocity"]).max()) * float(other.t[-1] - other.t[0])  # a start damped away moved
+    if max(size, gap, path) <= STILL * float(np.abs(other.signals["position"]).max()):
         return 0.0
     return gap / size if size > 0 else math.inf
 
