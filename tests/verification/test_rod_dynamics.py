@@ -325,7 +325,7 @@ def test_torsional_wave() -> None:
 @pytest.mark.parametrize("model", ["catenary", "rod"])
 def test_jumper_in_surge(model: str) -> None:
     """Low & Langley (2006): tension at the moved end 41.58 to 52.24 kN, mean 46.71, to 1 kN, what a figure can be read
-    to. Drag makes most of that range, 1 % of it 50 N: the same mesh of lumped masses, whose error falls as the square of the mesh like
+    to. Drag makes most of that range: the same mesh of lumped masses, whose error falls as the square of the mesh like
     this one's, is met to 0.2 % of the range (without bending) and 0.1 % (with it)."""
     cable = replace(jumper().cable[0], BA=0.0)  # which rods do not have
     scene = replace(jumper(), cable=(cable,))
