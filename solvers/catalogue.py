@@ -518,18 +518,21 @@ def trials_of(ask: Ask, name: str, n_gaps: int) -> list[tuple[Ask, float]]:
 STILL = 1e-10  # of the largest coordinate: a displacement that is rounding
 
 
+def motionless(run: Response) -> bool:
+    """Whether nodes move by rounding alone (a straight rod that is twisted); a start that is damped away has moved."""
+    away = np.abs(run.signals["position"] - run.signals["static_position"]).max()
+    path = np.abs(run.signals["velocity"]).max() * (run.t[-1] - run.t[0])
+    return bool(max(away, path) <= STILL * np.abs(run.signals["position"]).max())
+
+
 def apart(one: Response, other: Response) -> float:
-    """Relative root mean square difference of the displacement over all nodes and times; inf where a run stopped, 0
-    where nothing moves but by rounding (a straight rod that is twisted)."""
+    """Relative root mean square difference of the displacement over all nodes and times; inf where a run stopped."""
     if len(one.t) != len(other.t) or one.signals["position"].shape != other.signals["position"].shape:
         return math.inf
     x, y = (run.signals["position"] - run.signals["static_position"] for run in (one, other))
     size = float(np.sqrt((y**2).mean()))
     gap = float(np.sqrt(((x - y) ** 2).mean()))
-    path = float(np.abs(other.signals["velocity"]).max()) * float(other.t[-1] - other.t[0])  # a start damped away moved
-    if max(size, gap, path) <= STILL * float(np.abs(other.signals["position"]).max()):
-        return 0.0
-    return gap / size if size > 0 else math.inf
+    return gap / size if size > 0 else (0.0 if gap == 0 else math.inf)
 
 
 def checked(
@@ -542,7 +545,7 @@ def checked(
     has a kink no more is left.) That of an adaptive method looser than its own default, or blind for impacts: against a
     tenth of the tolerance, of which the error goes at least with the power 2/3. Seconds are in `cost.checking`.
     """
-    if response.status != Status.OK or len(response.t) < 2 or not trials:
+    if response.status != Status.OK or len(response.t) < 2 or not trials or motionless(response):
         return response
     begun, error = time.perf_counter(), math.inf
     for other, factor in trials:
