@@ -36,8 +36,8 @@ import numpy as np
 from scipy.linalg import eigh
 
 from solvers import BNES, TMD, Ask, CubicNES, PointMass, Response, Scene, Status
+from solvers.brink import tangent_at_rest
 from solvers.catalogue import MODELS, static_state
-from solvers.dispatch import call_tangent
 from sweep.config import MetricSettings, load_study
 from sweep.evaluate import run_trusted
 from sweep.fields import bind
@@ -166,28 +166,13 @@ class Tuning(NamedTuple):
     damping: float  # Den Hartog's ratio
 
 
-def square(J: np.ndarray, bw: int) -> np.ndarray:
-    """Band storage J[i, bw + j - i] as a square matrix."""
-    rows, cols = np.indices(J.shape)
-    cols = rows + cols - bw
-    inside = (cols >= 0) & (cols < len(J))
-    found = np.zeros((len(J), len(J)))
-    found[rows[inside], cols[inside]] = J[inside]
-    return found
-
-
 def tune(scene: Scene, ask: Ask) -> Tuning:
     """The dominant mode of the bare cable after the pulse, and Den Hartog's damper for it."""
     model = MODELS["lumped"].build(replace(scene, devices=locked()), ask.segments or 80)
     status, q, note = static_state(model)
     assert status == Status.OK, note
-    zero, found = np.zeros(model.ndof), []
-    for cq, ca in ((1.0, 0.0), (0.0, 1.0)):
-        J = np.zeros((model.ndof, 2 * model.pack.bw + 1))
-        call_tangent(0.0, q, zero, zero, cq, 0.0, ca, model.pack, J)
-        found.append(square(J, model.pack.bw))
     across = np.setdiff1d(model.pack.at, model.pack.fixed)  # the first coordinate of each node is across the cable
-    K, M = (A[np.ix_(across, across)] for A in found)
+    K, M = (tangent_at_rest(model.pack, q, *weights)[np.ix_(across, across)] for weights in ((1, 0, 0), (0, 0, 1)))
     squares, shapes = eigh(K, M, subset_by_index=[0, MODES - 1])
     run = run_trusted(scene, ask).response
     arc, x = run.signals["arc"], transverse(run)[run.t >= 0.5, :, 0]

@@ -53,19 +53,21 @@ def _generalised(z: np.ndarray, rho: float) -> np.ndarray:
     return np.abs(np.linalg.eigvals(np.linalg.solve(after, before))).max(axis=-1)
 
 
+def tangent_at_rest(pack: Any, q: np.ndarray, cq: float, cv: float, ca: float) -> np.ndarray:
+    """(ndof, ndof) dense cq dF/dq + cv dF/dv + ca dF/da at rest in q, prescribed dofs included."""
+    n, zero = len(q), np.zeros(len(q))
+    J, full = np.zeros((n, 2 * pack.bw + 1)), np.zeros((n, n))
+    call_tangent(0.0, q, zero, zero, float(cq), float(cv), float(ca), pack, J)
+    i, k = np.nonzero(J)
+    full[i, i + k - pack.bw] = J[i, k]
+    return full
+
+
 def linearised(pack: Any, q: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Dense K [N/m], C [N s/m], M [kg] of the free dofs at rest in q."""
-    n, zero = len(q), np.zeros(len(q))
-    free = np.setdiff1d(np.arange(n), pack.fixed)
-    found = []
-    for cq, cv, ca in np.eye(3):
-        J = np.zeros((n, 2 * pack.bw + 1))
-        call_tangent(0.0, q, zero, zero, cq, cv, ca, pack, J)
-        full = np.zeros((n, n))
-        i, k = np.nonzero(J)
-        full[i, i + k - pack.bw] = J[i, k]
-        found.append(full[np.ix_(free, free)])
-    return found[0], found[1], found[2]
+    free = np.setdiff1d(np.arange(len(q)), pack.fixed)
+    K, C, M = (tangent_at_rest(pack, q, *weights)[np.ix_(free, free)] for weights in np.eye(3))
+    return K, C, M
 
 
 def eigenvalues(pack: Any, q: np.ndarray) -> np.ndarray:

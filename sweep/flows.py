@@ -15,9 +15,9 @@ import numpy as np
 import xarray as xr
 
 from solvers import MODELS, Response, Scene, Status, settled
+from solvers.brink import tangent_at_rest
 from solvers.catalogue import static_state
 from solvers.devices import law_energy, law_loss
-from solvers.dispatch import call_tangent
 from solvers.geometry import basis_of
 
 from .evaluate import evaluate_with_series, run_trusted
@@ -270,7 +270,7 @@ class Line:
         if status != Status.OK:
             raise ValueError(f"the plain cable has no static state: {status.name}, {message}")
         pack = model.pack
-        K, M = _matrix(pack, q, 1.0, 0.0), _matrix(pack, q, 0.0, 1.0)
+        K, M = tangent_at_rest(pack, q, 1, 0, 0), tangent_at_rest(pack, q, 0, 0, 1)
         self.fixed = np.array(pack.fixed, dtype=int)
         self.free = np.setdiff1d(np.arange(len(q)), self.fixed)
         stiff = K[np.ix_(self.free, self.free)]
@@ -292,13 +292,3 @@ class Line:
         q = np.zeros((len(field), self.size))
         q[:, self.index] = here
         return q[:, self.free] - q[:, self.fixed] @ self.follow.T
-
-
-def _matrix(pack: Any, q: np.ndarray, cq: float, ca: float) -> np.ndarray:
-    """Dense cq dF/dq + ca dF/da at rest in q, prescribed dofs included."""
-    n, zero = len(q), np.zeros(len(q))
-    J, full = np.zeros((n, 2 * pack.bw + 1)), np.zeros((n, n))
-    call_tangent(0.0, q, zero, zero, cq, 0.0, ca, pack, J)
-    i, k = np.nonzero(J)
-    full[i, i + k - pack.bw] = J[i, k]
-    return full

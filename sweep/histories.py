@@ -275,27 +275,31 @@ def _joules(value: float) -> str:
     return f"{value:.3g} J"
 
 
+def draw_transform(ax: Axes, transform: xr.Dataset, name: str, norm: PowerNorm) -> Any:
+    """A wavelet transform over time and frequency, dashed where the record's ends weigh in; the coloured mesh."""
+    t, f, edge = transform["time"].values, transform["frequency"].values, transform["edge"].values
+    mesh = ax.pcolormesh(t, f, transform[name].values, norm=norm, cmap="magma_r", shading="nearest", rasterized=True)
+    for side in (t[0] + edge, t[-1] - edge):
+        ax.plot(side, f, color="black", linewidth=0.9, linestyle="dashed")
+    ax.set_yscale("log")
+    ax.yaxis.set_major_locator(LogLocator(subs=(1, 2, 5)))
+    ax.yaxis.set_major_formatter("{x:g}")
+    ax.yaxis.set_minor_formatter("")
+    ax.set_ylim(f[0], f[-1])
+    ax.set_xlim(t[0], t[-1])
+    return mesh
+
+
 def plot_wavelet(transform: xr.Dataset, figure: Figure | None = None) -> Figure:
     """Morlet transform of the displacement at the probe, for the baseline and with devices, on one scale."""
     _needs(transform, "displacement")
     names = [n for n in ("baseline_displacement", "displacement") if n in transform]
     figure = draw_in(figure, (8.0, 3.1 * len(names) + 0.6))
     panels = figure.subplots(len(names), 1, sharex=True, sharey=True, squeeze=False)[:, 0]
-    t, f, edge = transform["time"].values, transform["frequency"].values, transform["edge"].values
     norm = PowerNorm(0.5, 0.0, max(float(transform[n].max()) for n in names) or 1.0)
     mesh: Any = None
     for ax, name in zip(panels, names, strict=True):
-        mesh = ax.pcolormesh(
-            t, f, transform[name].values, norm=norm, cmap="magma_r", shading="nearest", rasterized=True
-        )
-        for side in (t[0] + edge, t[-1] - edge):
-            ax.plot(side, f, color="black", linewidth=0.9, linestyle="dashed")
-        ax.set_yscale("log")
-        ax.yaxis.set_major_locator(LogLocator(subs=(1, 2, 5)))
-        ax.yaxis.set_major_formatter("{x:g}")
-        ax.yaxis.set_minor_formatter("")
-        ax.set_ylim(f[0], f[-1])
-        ax.set_xlim(t[0], t[-1])
+        mesh = draw_transform(ax, transform, name, norm)
         ax.set_ylabel(label(transform["frequency"]))
         which = (
             base_label(transform)

@@ -15,7 +15,7 @@ from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 from matplotlib.ticker import LogLocator
 
-from .histories import base_label, design_label, head, moving_devices, pulse, title
+from .histories import base_label, design_label, draw_transform, head, moving_devices, pulse, title
 from .labels import BASE, BEST, DESIGN, FAIR, PINK, SKY, STYLE, YELLOW, draw_in, draw_on, label, metric_unit
 from .store import write_whole
 
@@ -31,20 +31,10 @@ def plot_stroke_wavelet(transform: xr.Dataset, figure: Figure | None = None) -> 
     rows = math.ceil(len(names) / columns)
     figure = draw_in(figure, (4.6 * columns + 1.2, 2.9 * rows + 0.6))
     panels = figure.subplots(rows, columns, sharex=True, sharey=True, squeeze=False).ravel()
-    t, f, edge = transform["time"].values, transform["frequency"].values, transform["edge"].values
     norm = PowerNorm(0.5, 0.0, max(float(transform[n].max()) for n in names) or 1.0)
     mesh: Any = None
     for ax, name in zip(panels, names, strict=False):
-        mesh = ax.pcolormesh(t, f, transform[name].values, norm=norm, cmap="magma_r", shading="nearest",
-                             rasterized=True)  # fmt: skip
-        for side in (t[0] + edge, t[-1] - edge):
-            ax.plot(side, f, color="black", linewidth=0.9, linestyle="dashed")
-        ax.set_yscale("log")
-        ax.yaxis.set_major_locator(LogLocator(subs=(1, 2, 5)))
-        ax.yaxis.set_major_formatter("{x:g}")
-        ax.yaxis.set_minor_formatter("")
-        ax.set_ylim(f[0], f[-1])
-        ax.set_xlim(t[0], t[-1])
+        mesh = draw_transform(ax, transform, name, norm)
         ax.set_title(transform[name].attrs["which"], fontsize=9, pad=3)
     for k, ax in enumerate(panels):
         if k >= len(names):

@@ -291,12 +291,7 @@ def _rows_while_it_is_made(monkeypatch, do) -> None:
 def test_rows_that_come_during_a_merge_are_not_hidden_by_its_file(copy, monkeypatch):
     _, plan, out = copy
 
-    def write():
-        part = DiskStore(out, "9", {"solver": "a"})
-        part.append(_changed(plan, 3))
-        part.close()
-
-    _rows_while_it_is_made(monkeypatch, write)
+    _rows_while_it_is_made(monkeypatch, lambda: _late_row(plan, out))
     store.merge(out)
     with xr.open_dataset(out / "results.nc") as made:
         assert made["delta"].values[3] == 1.0
@@ -307,13 +302,17 @@ def _changed(plan, i):
     return replace(_row(plan, i, "OK"), metrics={"delta": -5.0})
 
 
+def _late_row(plan, out):
+    part = DiskStore(out, "9", {"solver": "a"})
+    part.append(_changed(plan, 3))
+    part.close()
+
+
 def test_a_slow_merge_does_not_replace_the_file_of_a_later_one(copy, monkeypatch):
     _, plan, out = copy
 
     def overtake():
-        part = DiskStore(out, "9", {"solver": "a"})
-        part.append(_changed(plan, 3))
-        part.close()
+        _late_row(plan, out)
         store.merge(out)
 
     _rows_while_it_is_made(monkeypatch, overtake)
