@@ -85,10 +85,12 @@ def planned(point: Point) -> Record:
     """As ``evaluate``, for points of a study: FAKE_MODES says what the designs do in turn, FAKE_SECONDS how long.
 
     FAKE_HOLD=N:PATH lets designs from the N-th on wait until there is a file of that name: tests need not be quick.
+    With FAKE_FREE=1 a process begins with one that does not: each rank writes a row, whoever took the others.
     """
     first, _, gate = os.environ.get("FAKE_HOLD", "").partition(":")
-    while gate and point.design >= int(first) and not os.path.exists(gate):
-        time.sleep(0.02)
+    if os.environ.pop("FAKE_FREE", "") != "1":
+        while gate and point.design >= int(first) and not os.path.exists(gate):
+            time.sleep(0.02)
     modes = os.environ.get("FAKE_MODES", "good").split(",")
     values = {"x": point.design / 7, "mode": float(MODES.index(modes[point.design % len(modes)]))}
     values["seconds"] = float(os.environ.get("FAKE_SECONDS", "0"))
