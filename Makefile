@@ -10,7 +10,7 @@ LIMIT  ?= 64
 export PATH := $(abspath $(VENV))/bin:$(PATH)
 SHELL := /bin/bash
 
-.PHONY: study study-full test lint docs papers clean help
+.PHONY: study study-full test test-alone test-cluster lint docs papers clean help
 .DEFAULT_GOAL := help
 
 help:
@@ -71,8 +71,15 @@ papers: $(VENV)/dev-installed
 
 # ------------------------------------------------------------------------------------------ checks
 
+# Tests of MPI and SLURM mostly wait for other processes: they run beside the others.
 test: $(VENV)/dev-installed
-	python -m pytest -q
+	@$(MAKE) --no-print-directory --keep-going -j2 test-alone test-cluster
+
+test-alone: $(VENV)/dev-installed
+	python -m pytest -q --ignore=tests/mpi --ignore=tests/slurm
+
+test-cluster: $(VENV)/dev-installed
+	python -m pytest -q tests/mpi tests/slurm
 
 lint: $(VENV)/dev-installed
 	ruff check .

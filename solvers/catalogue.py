@@ -43,7 +43,7 @@ class Line(NamedTuple):
     constrained: bool = False  # rod family: constraints want an implicit time method, and `build` takes the Ask
     order: float = 2.0  # in the segment's length, where the response is smooth
     price: float = 1.0  # of an evaluation at one node, beside the lumped line's
-    marched: tuple[str, ...] = ("dopri5", "trbdf2")  # methods that pilots try, the first where they cannot tell
+    marched: tuple[str, ...] = ("dopri5", "trbdf2", "esdirk4")  # what pilots try, the first where they cannot tell
     measured: str = "tension's range"  # what the error of its range is relative to
 
 

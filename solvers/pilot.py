@@ -19,6 +19,7 @@ from .model import Response, Status
 STATIONS = 40  # equal parts of the line at whose ends two runs are compared
 SAFETY = 1.25  # on an error that is extrapolated from coarser meshes
 SHARE = 0.25  # of the accuracy asked that time stepping may take
+NEARLY = 0.8  # of that, aimed at by interpolation
 GROWTH, LEAST_GROWTH = 3.0, 1.3  # by which one pilot's mesh exceeds the last one's
 LEAST = 8  # segments
 STAGES = 6  # evaluations in an explicit step
@@ -150,7 +151,23 @@ def in_time(pilots: Pilots, way: Way, segments: int, wanted: float) -> tuple[flo
         wild = wild + 1 if found > CHAOTIC else 0
         if wild == WILD:
             return knob, math.inf
+        if found > wanted:  # not so where the ledger is open
+            between, late = in_between(pilots, way, segments, knob, wanted / found)
+            if late <= wanted:
+                return between, late
         knob /= way.factor
+
+
+def in_between(pilots: Pilots, way: Way, segments: int, knob: float, share: float) -> tuple[float, float]:
+    """A tolerance at which a run errs by `share` of what it errs at `knob`, and its error beside the run at `knob` over
+    `factor`; infinite where that is no coarser."""
+    fine, between = knob / way.factor, NEARLY * knob * share
+    if not 1.5 * fine < between < knob:
+        return fine, math.inf
+    run = pilots(way, segments, between)
+    if run.status == Status.ENERGY_OPEN:
+        return fine, math.inf
+    return between, gap(run, pilots(way, segments, fine)) / (1 - fine / between)
 
 
 def projected(pilots: Pilots, way: Way, first: int, knob: float, segments: float) -> float:

@@ -67,10 +67,24 @@ def test_pilots_meet_the_accuracy_without_waste(accuracy: float, order: float) -
 
 
 def test_tolerance_that_costs_accuracy_is_made_finer() -> None:
-    """An error of half the tolerance may take a quarter of the accuracy: of 1e-2, 1e-3, 1e-4 only the last does."""
-    found = pilot.refine(Made(late=0.5), [way()], 1e-3, 10)
+    """An error of half the tolerance may take a quarter of the accuracy: four fifths of that are aimed at."""
+    made = Made(late=0.5)
+    found = pilot.refine(made, [way()], 1e-3, 10)
+    assert found.knob == pytest.approx(4e-4, rel=0.1)  # the motion's rms is not quite that of its shape
+    assert found.late == pytest.approx(2e-4, rel=0.1)
+    assert made.error(found.way, found.segments, found.knob) <= 1e-3
+
+
+def test_tolerance_between_decades_that_errs_more_than_expected_is_not_taken() -> None:
+    """The error jumps between two decades: the finer one is taken."""
+    made = Made(late=0.5)
+
+    def attempt(line: pilot.Way, segments: int, knob: float) -> Response:
+        error = made.error(line, segments, knob) + (1e-3 if 1.1e-4 < knob < 1e-3 else 0.0)
+        return replace(made(line, segments, knob), signals=run_of(segments, error, 100).signals)
+
+    found = pilot.refine(attempt, [way()], 1e-3, 10)
     assert found.knob == pytest.approx(1e-4)
-    assert found.late == pytest.approx(0.5e-4, rel=0.1)  # of a motion whose rms is not quite that of its shape
 
 
 def test_open_ledger_makes_the_tolerance_finer() -> None:
