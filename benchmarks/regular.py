@@ -23,7 +23,7 @@ from typing import Any, NamedTuple
 
 import pandas as pd
 
-from solvers import METHODS, MODELS, Ask, Response, pilot, solve
+from solvers import MODELS, Ask, Response, pilot, solve
 from sweep import chart
 
 ROOT = Path(__file__).parents[1] / "configs"
@@ -96,7 +96,7 @@ def measure(scene: Regular) -> tuple[list[dict[str, Any]], pd.DataFrame]:
         if best is None:
             row |= {"cheapest": "none found", "least": math.nan, "ratio": math.nan}
             continue
-        knob = f", {best['knob']:.0e}" if best["method"] in METHODS else ""
+        knob = f", {best['knob']:.0e}" if math.isfinite(best["knob"]) else ""
         row |= {
             "cheapest": f"{best['model']}, {best['method']}, {best['segments']}{knob}", "least": best["seconds"],
             "ratio": row["seconds"] / best["seconds"],

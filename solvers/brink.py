@@ -12,14 +12,16 @@ from typing import Any
 import numpy as np
 
 from .dispatch import call_gaps, call_tangent, has
-from .methods import esdirk, explicit
+from .methods import esdirk, explicit, nystrom
 
 TABLES: dict[str, Any] = {
     "rk2": explicit.RK2, "rk4": explicit.RK4, "dopri5": explicit.DOPRI5, "tsit5": explicit.TSIT5,
     "esdirk4": esdirk.TABLE,
 }  # fmt: skip
 UNDAMPED = 1e-8  # of the largest eigenvalue: real parts below come from rounding
-RAY = np.geomspace(1e-4, 12.0, 2401)  # |h lambda| at which a stability function is looked at
+# |h lambda| at which a stability function is looked at; the symplectic method has a window of 0.003 above pi
+RAY = np.sort(np.concatenate([np.geomspace(1e-4, 12.0, 2401), np.linspace(3.16, 3.17, 21)]))
+PARTNERS = np.linspace(0.0, 1.0, 9)  # of an overdamped eigenvalue: the slower one of its motion, over it
 
 
 def amplification(method: str, z: np.ndarray, rho: float = 0.8) -> np.ndarray:
@@ -27,12 +29,15 @@ def amplification(method: str, z: np.ndarray, rho: float = 0.8) -> np.ndarray:
 
     Parameters
     ----------
-    method : 'rk2', 'rk4', 'dopri5', 'tsit5', 'trbdf2', 'esdirk4', or 'genalpha' with spectral radius `rho` at infinity
+    method : 'rk2', 'rk4', 'dopri5', 'tsit5', 'srkn4', 'trbdf2', 'esdirk4', or 'genalpha'
+    rho : spectral radius of 'genalpha' at infinity
     z : (...,) complex
     """
     z = np.asarray(z, dtype=complex)
     if method == "genalpha":
         return _generalised(z, rho)
+    if method == "srkn4":
+        return _nystrom(z)
     if method == "trbdf2":
         d, w = 1.0 - math.sqrt(0.5), 0.25 * math.sqrt(2.0)
         A = np.array([[0.0, 0.0, 0.0], [d, d, 0.0], [w, w, d]])
@@ -51,6 +56,32 @@ def _generalised(z: np.ndarray, rho: float) -> np.ndarray:
     after[..., 1, 0], after[..., 1, 1] = -af * z, am
     before[..., 1, 0], before[..., 1, 1] = (1.0 - af) * z, am - 1.0
     return np.abs(np.linalg.eigvals(np.linalg.solve(after, before))).max(axis=-1)
+
+
+def _nystrom(z: np.ndarray) -> np.ndarray:
+    """Spectral radius of (y, h y')_n -> (y, h y')_{n+1} for the motion whose eigenvalues are z and its conjugate; of a
+    real z, which leaves its partner open, the largest over `PARTNERS`."""
+    z = z[..., None]
+    partner = np.where(z.imag == 0, z.real * PARTNERS, z.conj())
+    damping, stiffness = -(z + partner).real, (z * partner).real
+    columns = []
+    for y, v in ((1.0, 0.0), (0.0, 1.0)):
+        t = nystrom.TABLE
+        acting: list[np.ndarray] = []
+        for i in range(len(t.c)):
+            q = y + t.c[i] * v + sum((t.b[j] * (t.c[i] - t.c[j]) * acting[j] for j in range(i)), np.zeros(()))
+            u = v + sum((t.d[i, j] * acting[j] for j in range(i)), np.zeros(()))
+            acting.append(-stiffness * q - damping * u)
+        ends = [(w, w * (1 - c)) for w, c in zip(t.b, t.c, strict=True)]
+        columns.append((
+            y + v + sum(x[1] * a for x, a in zip(ends, acting, strict=True)),
+            v + sum(x[0] * a for x, a in zip(ends, acting, strict=True)),
+        ))  # fmt: skip
+    (a, c), (b, d) = columns
+    half, det = 0.5 * (a + d), a * d - b * c
+    apart = half * half - det
+    real = np.abs(half) + np.sqrt(np.maximum(apart, 0.0))
+    return np.asarray(np.where(apart < 0, np.sqrt(np.abs(det)), real).max(axis=-1))
 
 
 def tangent_at_rest(pack: Any, q: np.ndarray, cq: float, cv: float, ca: float) -> np.ndarray:

@@ -17,7 +17,7 @@ from .catenary import catenary_of
 from .dispatch import GRAVITY, N_ENERGIES, STRAIN, call_energies, call_residual, has
 from .geometry import basis_of
 from .lines import hermite, local, lumped, rod, transverse
-from .methods import esdirk, explicit, floquet, harmonic, implicit, statics
+from .methods import esdirk, explicit, floquet, harmonic, implicit, nystrom, statics
 from .methods.march import C_EVALUATIONS, C_FACTORS, C_REJECTED, C_STEPS, LEDGER, make_ends, make_output
 from .model import REMEDY, Ask, CannotRepresent, Cost, Feature, Response, Status
 
@@ -27,6 +27,9 @@ FLOOR_SPEED = 1e-4  # velocity errors below this speed never matter [m/s]
 REACH = 3.2  # largest step times |eigenvalue| of the explicit 5(4) pair, whose limit on the real axis is 3.31
 RING = 0.35  # largest step of `dopri5` times the highest transverse frequency where devices ring it
 TAUT = 0.5  # largest step times device frequency while a cord is taut: six steps in the shortest impact
+SWING = 1.6  # largest step of `srkn4` times the highest frequency: energy to 1e-4; critical damping is stable to 2.06
+SWING_REACH = 2.9  # and times an overdamped |eigenvalue|: stable at all dampings (tests/verification/test_nystrom.py)
+SWING_TAUT = 1.0  # and times device frequency while a cord is taut
 UNGUIDED = 60  # segments where no excitation sets a wave length
 FIRST = 20  # most segments of the first pilot
 EQUALS = ("hermite", "transverse")  # lines that pilots try beside the lumped one
@@ -54,6 +57,7 @@ class Method(NamedTuple):
     adaptive: bool
     tolerance: float  # default, of an adaptive method
     meaning: str
+    own_step: bool = False  # of a fixed step: whether the mesh gives it where none is asked for
 
 
 F = Feature
@@ -112,6 +116,10 @@ METHODS: dict[str, Method] = {
     ),
     "rk4": Method((*_MARCH, "accelerate"), False, 0.0, "explicit Runge-Kutta, order 4, fixed step"),
     "rk2": Method((*_MARCH, "accelerate"), False, 0.0, "explicit Runge-Kutta (Heun), order 2, fixed step"),
+    "srkn4": Method(
+        (*_MARCH, "accelerate"), False, 0.0,
+        "symplectic Runge-Kutta-Nystrom, order 4, the mesh's longest good step: keeps what impacts ring", own_step=True,
+    ),
     "genalpha": Method((*_IMPLICIT, "tangent"), False, 0.0, "generalised-alpha, order 2, fixed step, Newton"),
     "trbdf2": Method(
         (*_IMPLICIT, "tangent"), True, 1e-5, "TR-BDF2, order 2, implicit, error control in the energy norm"
@@ -263,7 +271,7 @@ def cheapest(scene: sc.Scene, ask: Ask) -> Choice:
             f"{model}: rho_space = {ask.rho_space:g} damps along s at rest alone; in motion what travels towards end A "
             "would grow by 1/rho_space an element: take rho_space 1, and `rho` to damp in time"
         )
-    if METHODS[method].adaptive is False and ask.step is None and ask.duration > 0:
+    if not (METHODS[method].adaptive or METHODS[method].own_step) and ask.step is None and ask.duration > 0:
         raise CannotRepresent(f"{method} needs a `step`")
     return Choice(model, method, segments, why, estimate(scene, segments, model))
 
@@ -290,6 +298,8 @@ def marching(scene: sc.Scene, ask: Ask, segments: int, model: str = "lumped") ->
         return "genalpha", "a fixed step was asked"
     if MODELS[model].constrained:
         return "trbdf2", "implicit: a line with constraints"
+    if impacts(scene) and F.LARGE_MOTION not in MODELS[model].features:
+        return "srkn4", "explicit, without loss: impacts ring, and no wave along the line is faster than they"
     if scene.devices or segments <= 160:
         return "dopri5", "explicit: impacts, or a mesh so small that its axial step is cheap"
     return "trbdf2", "implicit: no devices and a fine mesh, whose axial step would be dear"
@@ -486,7 +496,8 @@ def run(scene: sc.Scene, ask: Ask, choice: Choice, check: bool = True) -> Respon
         return replace(response, status=Status.UNSTABLE, message=f"{falls}; {REMEDY[Status.UNSTABLE]}")
     if not check:
         return response
-    trials = trials_of(ask, choice.method, model.n_gaps)
+    own = own_step(model, ask, model.fastest(static)) if METHODS[choice.method].own_step else 0.0
+    trials = trials_of(ask, choice.method, model.n_gaps, own)
     return checked(response, ask, lambda other: march(model, other, choice, static, q, v, dict(common), joints), trials)
 
 
@@ -498,16 +509,16 @@ def leaving(model: Any, static: np.ndarray) -> str:
     return f"unstable equilibrium: a small disturbance grows e-fold in {1 / rate:.3g} s" if rate > 0 else ""
 
 
-def trials_of(ask: Ask, name: str, n_gaps: int) -> list[tuple[Ask, float]]:
+def trials_of(ask: Ask, name: str, n_gaps: int, own: float = 0.0) -> list[tuple[Ask, float]]:
     """Runs that tell the error in time of a run, each with that error over its difference; none where it is known to be
-    small: an adaptive method at its own tolerance that lands on the impacts."""
+    small: an adaptive method at its own tolerance that lands on the impacts, and a step up to the mesh's `own`."""
     most = 10 * ask.max_steps
     if METHODS[name].adaptive:
         used = tolerance_of(name, ask)
         blind = n_gaps > 0 and name not in RUNGE_KUTTA
         loose = used > METHODS[name].tolerance * (1 + 1e-9)
         return [(replace(ask, tolerance=used / 10, max_steps=most), 4 / 3)] if blind or loose else []
-    if ask.step is None:
+    if ask.step is None or ask.step <= own:
         return []
     finer = (replace(ask, step=ask.step / 2, max_steps=most), 4 / 3)
     if n_gaps > 0:  # a longer step may miss the same impacts
@@ -658,21 +669,35 @@ def limits_of(model: Any, ask: Ask, name: str, fastest: dict[str, float]) -> Lim
     """First, largest and smallest step and tolerance of a method on a model."""
     method, floor = METHODS[name], 0.5 * float(model.pack.weight.sum()) * FLOOR_SPEED**2
     taut = np.full(model.n_gaps, math.inf)
+    if method.own_step or (method.adaptive and name in RUNGE_KUTTA):
+        rates = model.impacts() if hasattr(model, "impacts") else np.full(model.n_gaps, fastest["device"])
+        np.divide(SWING_TAUT if method.own_step else TAUT, rates, out=taut, where=rates > 0)
+    if method.own_step:
+        return Limits(ask.step or own_step(model, ask, fastest), 0.0, 1.0, 0.0, taut, floor)
     if not method.adaptive:
         return Limits(float(ask.step or 0.0), 0.0, 1.0, 0.0, taut, floor)
     tolerance = tolerance_of(name, ask)
-    most = min(ask.duration / 50, 2 * math.pi / model.omega / 20 if model.omega > 0 else math.inf)
+    most = longest_step(model, ask)
     quick = max(fastest["axial"], fastest["bending"], fastest["tension"])
     first = 1 / quick if quick > 0 else most
     if name in RUNGE_KUTTA:
         stable = REACH / fastest["decay"] if fastest["decay"] > 0 else math.inf
-        rates = model.impacts() if hasattr(model, "impacts") else np.full(model.n_gaps, fastest["device"])
-        np.divide(TAUT, rates, out=taut, where=rates > 0)
         if model.n_gaps > 0:  # impacts ring in the highest transverse modes, which a long step would damp
             ringing = max(fastest["bending"], fastest["tension"])
             most = min(most, ring_of(name) / ringing if ringing > 0 else most)
         return Limits(min(first, most), tolerance, min(most, stable), LEAST_STEP, taut, floor)
     return Limits(min(first, 1e-3 * most), tolerance, most, LEAST_STEP, taut, floor)
+
+
+def longest_step(model: Any, ask: Ask) -> float:
+    """A twentieth of the shortest period of the motion, a fiftieth of the run [s]."""
+    return float(min(ask.duration / 50, 2 * math.pi / model.omega / 20 if model.omega > 0 else math.inf))
+
+
+def own_step(model: Any, ask: Ask, fastest: dict[str, float]) -> float:
+    """The step of `srkn4` on a mesh [s]: the fastest mode keeps its energy to 1e-4, and all damping is stable."""
+    rates = {SWING: max(fastest["axial"], fastest["bending"], fastest["tension"]), SWING_REACH: fastest["decay"]}
+    return min([longest_step(model, ask), *(share / rate for share, rate in rates.items() if rate > 0)])
 
 
 def ring_of(name: str) -> float:
@@ -710,14 +735,18 @@ def marched(
         s, newton = before.ends, before.work
 
     def go(pieces: np.ndarray) -> int:
+        if name == "srkn4":
+            stages = nystrom.make_work(model.ndof, model.n_gaps)
+            more = (nystrom.TABLE, limits.first, limits.taut, ask.max_steps)
+            return int(nystrom.march(pack, s, out, stages, pieces, *more))
         if name in RUNGE_KUTTA:
             table = RUNGE_KUTTA[name]
             work = explicit.make_work(table, model.ndof, model.n_gaps)
             return int(explicit.march(pack, s, out, work, pieces, table, *limits, ask.max_steps))
         steps = (limits.first, limits.tolerance, limits.most, limits.least, limits.floor)
         if name == "esdirk4":
-            stages = esdirk.make_work(model.ndof, pack.bw)
-            return int(esdirk.march(pack, s, out, stages, esdirk.TABLE, pieces, *steps, ask.max_steps))
+            implicit_stages = esdirk.make_work(model.ndof, pack.bw)
+            return int(esdirk.march(pack, s, out, implicit_stages, esdirk.TABLE, pieces, *steps, ask.max_steps))
         if name == "trbdf2":
             return int(implicit.tr_bdf2(pack, s, out, newton, pieces, *steps, ask.max_steps))
         first, floor = limits.first, limits.floor
@@ -857,7 +886,8 @@ def _at_rest(
     common["estimated_error"] = float(np.nanmax([common["estimated_error"], joints.worst]))
     zero, r = np.zeros(len(static)), np.zeros(len(static))
     call_residual(0.0, static, zero, zero, model.pack, r)
-    signals = model.observe(static[None], zero[None], r[model.pack.fixed][None], static)
+    nothing = dict.fromkeys(LEDGER, np.zeros(1))  # at rest nothing moves, and nothing is lost
+    signals = nothing | model.observe(static[None], zero[None], r[model.pack.fixed][None], static)
     message = f"{note}; {REMEDY[guard]}" if guard != Status.OK else note
     return Response(
         status=guard, message=message, t=np.zeros(1), signals=signals, energy_residual=0.0, nodes_per_wave=nodes,

@@ -213,14 +213,20 @@ def reference(case: Case, models: Sequence[str], wanted: float, say: Say = lambd
 
 
 def knobs_of(case: Case, method: str) -> list[float]:
-    """Tolerances of an adaptive method, steps of a fixed-step one [s], from loose to tight; NaN at rest."""
-    if method not in METHODS:
+    """Tolerances of an adaptive method, steps of a fixed-step one [s], from loose to tight; NaN at rest, and where the
+    mesh gives the step."""
+    if method not in METHODS or METHODS[method].own_step:
         return [NAN]
     if METHODS[method].adaptive:
         return [factor * METHODS[method].tolerance for factor in TOLERANCES]
     omega = MODELS[able(case)[0]].build(case.scene, COARSEST, **more(case, able(case)[0])).omega
     longest = 2 * math.pi / omega / 12 if omega > 0 else case.ask.duration / 200
     return [longest / 2**k for k in range(STEPS)]
+
+
+def lands(method: str) -> bool:
+    """Whether the steps of a method are its own to choose, so that they may end at an impact."""
+    return method in METHODS and (METHODS[method].adaptive or METHODS[method].own_step)
 
 
 def more(case: Case, model: str) -> dict[str, Any]:
@@ -235,7 +241,7 @@ def scan(
     meshes = [round(COARSEST * math.sqrt(2) ** k) for k in range(MESHES)]
     for model in models:
         for method in methods_of(case, model):
-            if truth.chaotic and not METHODS.get(method, METHODS["rk4"]).adaptive:
+            if truth.chaotic and not lands(method):
                 continue  # their steps do not land on impacts; nothing but the mean of many would tell
             spent: dict[float, float] = {}  # seconds on the last mesh, by knob
             for segments in meshes:

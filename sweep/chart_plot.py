@@ -30,12 +30,13 @@ def _looks(table: pd.DataFrame) -> dict[str, dict[tuple[str, str], str]]:
 
 
 def draw_chart(data: xr.Dataset, figure: Figure) -> Figure:
-    """Three panels: error against seconds, error against segments, error against tolerance or step."""
+    """Panels: error against seconds, error against segments, and in motion error against tolerance or step."""
     table = data.to_dataframe()
     table = table[np.isfinite(table["error"])]
     looks, chaotic = _looks(table), bool(data.attrs["chaotic"])
     uncertainty = widest(data) if chaotic else float(data.attrs["uncertainty"])
-    cost, space, late = figure.subplots(1, 3, sharey=True)
+    moves = bool(table["knob"].notna().any())
+    cost, space, *late = figure.subplots(1, 3 if moves else 2, sharey=True)
     for pair, rows in table.groupby(["model", "method"], sort=False):
         look = {"color": looks["color"][pair], "marker": looks["marker"][pair], "ms": 4.5, "ls": "none"}
         ours = (rows["program"] == OURS).all()
@@ -49,19 +50,22 @@ def draw_chart(data: xr.Dataset, figure: Figure) -> Figure:
         tight = rows.loc[rows.groupby("segments")["knob"].idxmin()] if rows["knob"].notna().any() else rows
         space.plot(tight["segments"], tight["error"], **look | {"ls": "-", "lw": 0.8})
         fine = rows[rows["segments"] == rows["segments"].max()]
-        late.plot(fine["knob"], fine["error"], **look | {"ls": "-", "lw": 0.8})
+        for ax in late:
+            ax.plot(fine["knob"], fine["error"], **look | {"ls": "-", "lw": 0.8})
     best = table[table["envelope"].astype(bool)].sort_values("seconds")
     cost.step(best["seconds"], best["error"], where="post", color="k", lw=1.4, zorder=0, label="worth their seconds")
     if not chaotic:
         slopes(space, table)
-    for ax, words in ((cost, "processor time [s]"), (space, "segments [-]"), (late, "tolerance [-] or step [s]")):
+    axes = (cost, space, *late)
+    for ax, words in zip(axes, ("processor time [s]", "segments [-]", "tolerance [-] or step [s]"), strict=False):
         ax.set(xscale="log", yscale="log", xlabel=words)
         ax.axhspan(ax.get_ylim()[0], uncertainty, color="0.9", zorder=-1)
     what = "objectives' ensemble means, largest" if chaotic else "transverse response"
     cost.set_ylabel(f"error of the {what} [-]")
     cost.set_title("a  cost (hollow: not trusted)")
-    space.set_title("b  in space, at the finest knob")
-    late.set_title("c  in time, on the finest mesh")
+    space.set_title("b  in space" + ", at the finest knob" * moves)
+    for ax in late:
+        ax.set_title("c  in time, on the finest mesh")
     figure.legend(*cost.get_legend_handles_labels(), loc="outside lower center", ncols=4)
     return figure
 

@@ -18,7 +18,7 @@ from solvers import QUANTITIES, Ask, CannotRepresent, Response, Scene, Status, s
 from solvers.model import REMEDY
 
 from .config import MetricSettings, Uncertainty, split_name
-from .metrics import FINISHED, LEDGER, Summary, compute, metric_names, settling_index, summarise, transverse
+from .metrics import FINISHED, Summary, compute, metric_names, settling_index, summarise, transverse
 from .point import Point, Record
 from .space import baseline_model, baseline_scene, point_key
 from .uncertainty import JITTER, chaos, deviations, twin_growth
@@ -119,11 +119,7 @@ def _join(*sentences: str) -> str:
 def _solve(scene: Scene, ask: Ask) -> Response:
     with warnings.catch_warnings(), np.errstate(all="ignore"):
         warnings.simplefilter("ignore")
-        response = solve(scene, ask)
-    if ask.duration > 0:
-        return response
-    nothing = dict.fromkeys(LEDGER, np.zeros(len(response.t)))  # at rest nothing moves, and nothing is lost
-    return replace(response, signals=nothing | response.signals) if response.signals else response
+        return solve(scene, ask)
 
 
 def run_trusted(scene: Scene, ask: Ask) -> Run:

@@ -42,7 +42,10 @@ TOLERANCES = (1e-2, 1e-8)
 SERIES = (1e-2, 1e-6)  # of harmonic balance, whose tolerance counts harmonics
 SHARP = 0.2  # of the promise: how well the reference must be known
 SETTLING = 12  # periods after which a march has settled, checked by half as many more
-ALL = ("rk2", "rk4", "genalpha 1", "genalpha 0.8", "genalpha 0", "dopri5", "tsit5", "trbdf2", "esdirk4", "harmonic")
+ALL = (
+    "rk2", "rk4", "genalpha 1", "genalpha 0.8", "genalpha 0", "dopri5", "tsit5", "srkn4", "trbdf2", "esdirk4",
+    "harmonic",
+)  # fmt: skip
 
 
 @dataclass(frozen=True, kw_only=True)

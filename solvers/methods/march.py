@@ -105,6 +105,12 @@ def book(t, h, s, pack, start, work):
         losses(t + x * h, s.q[2], s.v[2], s.a[1], pack, s.e[2])
         for m in range(N_ENERGIES - WATER):
             s.ledger[1, L_LOST + m] += 0.5 * h * s.e[2, WATER + m]
+    close(t, h, s, pack, start)
+
+
+@kernel
+def close(t, h, s, pack, start):
+    """The ledger's energies at the end of a step, and its gap."""
     energies(t + h, s.q[1], s.v[1], s.a[1], pack, s.e[1])
     for m in range(3):
         s.ledger[1, m] = s.e[1, m]

@@ -9,7 +9,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from solvers.lines.oscillator import Oscillator
-from solvers.methods import explicit, implicit
+from solvers.methods import explicit, implicit, nystrom
 from solvers.methods.march import C_EVALUATIONS, C_STEPS, make_ends, make_output
 from solvers.model import Status
 
@@ -57,6 +57,10 @@ def march_oscillator(
         work = explicit.make_work(TABLES[method], ndof, n_gaps)
         taut = np.full(n_gaps, math.inf)
         code = explicit.march(pack, s, out, work, cuts, TABLES[method], *limits[:4], taut, *limits[4:])
+    elif method == "srkn4":
+        taut = np.full(n_gaps, math.inf)
+        work = nystrom.make_work(ndof, n_gaps)
+        code = nystrom.march(pack, s, out, work, cuts, nystrom.TABLE, float(step), taut, max_steps)
     elif method == "trbdf2":
         code = implicit.tr_bdf2(pack, s, out, implicit.make_work(ndof, pack.bw), cuts, *limits)
     else:
