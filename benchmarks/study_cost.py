@@ -27,7 +27,7 @@ from solvers.lines.transverse import TransverseModel
 from sweep.metrics import Summary, compute, summarise
 from sweep.space import baseline_scene, design_scene, designs
 
-WAYS = (("dopri5", 1e-3), ("tsit5", 2e-3))
+WAYS = (("tsit5", 2e-3), ("srkn4", 2e-3))
 spent: Counter[str] = Counter()
 
 

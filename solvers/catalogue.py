@@ -73,7 +73,7 @@ MODELS: dict[str, Line] = {
         F.BENDING | F.SEABED | F.DRAG | F.CURRENT | F.SLACK | F.MOTION | F.TRANSIENT | F.PERIODIC | F.LARGE_MOTION
         | F.DAMPING,
         "cubic elements with position and slope at every node, planar, without devices",
-        order=4.0, price=8.0, marched=("esdirk4", "dopri5"),
+        order=4.0, price=4.0, marched=("esdirk4", "dopri5"),
     ),
     "local": Line(
         local.build,
