@@ -279,16 +279,18 @@ def cheapest(scene: sc.Scene, ask: Ask) -> Choice:
 def representing(scene: sc.Scene, ask: Ask) -> tuple[str, str]:
     """The line for a scene, and why where it is not the lumped one: the least that has what the scene needs.
 
-    Rotations want a rod; so does a clamp whose boundary layer lumped segments would miss. `hybrid` then decides by
-    bending and torsion against tension where, before and during the run.
+    Rotations want a rod; so does a clamp whose boundary layer lumped segments would miss. In motion `hybrid` then
+    decides by bending and torsion against tension where, before and during the run.
     """
     wanted = needs(scene, ask)
-    if wanted & ~MODELS["lumped"].features and not wanted & ~MODELS["hybrid"].features:
-        return "hybrid", "hybrid: rotations matter"
+    resting = ask.duration <= 0 and ask.rods is None and not wanted & ~MODELS["rod"].features
+    family = "rod" if resting else "hybrid"  # at rest the search for domains costs more than they save
+    if wanted & ~MODELS["lumped"].features and not wanted & ~MODELS[family].features:
+        return family, f"{family}: rotations matter"
     length = scene.length / (ask.segments or UNGUIDED)
     thin = [x for x in rod.bending_layers(scene) if 0 < x < length]
-    if thin and not wanted & ~MODELS["hybrid"].features:
-        return "hybrid", f"hybrid: bending decays over {min(thin):.3g} m at a clamp, less than a segment"
+    if thin and not wanted & ~MODELS[family].features:
+        return family, f"{family}: bending decays over {min(thin):.3g} m at a clamp, less than a segment"
     return "lumped", ""
 
 

@@ -22,6 +22,7 @@ SHARE = 0.25  # of the accuracy asked that time stepping may take
 NEARLY = 0.8  # of that, aimed at by interpolation
 GROWTH, LEAST_GROWTH = 3.0, 1.3  # by which one pilot's mesh exceeds the last one's
 LEAST = 8  # segments
+GUARDED = 3  # times that a mesh which is right, but that the line's guards call UNRESOLVED, is made finer by 1.4
 STAGES = 6  # evaluations in an explicit step
 FINEST, MOST_WORK = 20_000, 1e10  # segments, and counted operations of all pilots (minutes)
 TIGHTEST = 1e-10  # tolerance
@@ -187,11 +188,13 @@ def refine(attempt: Attempt, ways: list[Way], accuracy: float, first: int) -> Re
     Parameters
     ----------
     ways : at least one; the first is taken where the response is chaotic
-    first : segments of the first pilot
+    first : segments of the first pilot, of a line of order 2
     """
     pilots = Pilots(attempt)
     offers: list[tuple[float, Way, float, float]] = []
-    for way in sorted(ways, key=lambda way: way.least_steps(first)):
+    given = first
+    for way in sorted(ways, key=lambda way: way.least_steps(given)):
+        first = first_of(way, given)
         floor = way.price * STAGES * way.least_steps(first) * (first + 1)
         if offers and floor > 5 * min(offer[0] for offer in offers):
             continue  # too dear to try
@@ -204,12 +207,18 @@ def refine(attempt: Attempt, ways: list[Way], accuracy: float, first: int) -> Re
         offers.append((projected(pilots, way, first, knob, mesh), way, knob, late))
     if not offers:
         way = ways[0]
+        first = first_of(way, given)
         run = pilots(way, first, way.knob)
         return Refined(way, first, way.knob, run, math.nan, math.inf, len(pilots), round(pilots.work), True)
     found = []
     for _, way, knob, late in sorted(offers, key=lambda offer: offer[0]):
-        fine, error = in_space(pilots, way, first, knob, wanted_in_space(way, accuracy, late))
+        fine, error = in_space(pilots, way, first_of(way, given), knob, wanted_in_space(way, accuracy, late))
         run = pilots(way, fine, knob)
+        for _ in range(GUARDED):  # a layer at a clamp, a short wave
+            if run.status != Status.UNRESOLVED or 1.4 * fine > FINEST:
+                break
+            fine = math.ceil(1.4 * fine)
+            run = pilots(way, fine, knob)
         while run.status == Status.ENERGY_OPEN and way.tune and knob / way.factor > TIGHTEST:
             knob /= way.factor  # finer meshes ring more
             run = pilots(way, fine, knob)
@@ -219,6 +228,11 @@ def refine(attempt: Attempt, ways: list[Way], accuracy: float, first: int) -> Re
             break
     best = next((one for one in found if one.response.status in ENDED), found[0])
     return best._replace(runs=len(pilots), work=round(pilots.work))
+
+
+def first_of(way: Way, given: int) -> int:
+    """Segments of a way's first pilot: elements of order 4 do with half as many."""
+    return given if way.order <= 2 else max(LEAST, given // 2)
 
 
 def wanted_in_space(way: Way, accuracy: float, late: float) -> float:

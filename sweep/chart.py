@@ -378,7 +378,7 @@ def chart(
     Raises
     ------
     ConfigError
-        Where no line can do the scene, or none of the named ones.
+        Where no line can do the scene, or none of the named ones, or no run was made.
     """
     names = [name for name in able(case) if not models or name in models]
     if not names:
@@ -388,6 +388,10 @@ def chart(
     rows = [*scan(case, truth, names, longest, say), *scan_peers(case, truth, longest, say)]
     notes = [row for row in rows if isinstance(row, str)]
     table = pd.DataFrame([row for row in rows if not isinstance(row, str)])
+    if table.empty:
+        problem = f"none of {', '.join(names)} could be run within {longest / 3:g} s"
+        remedy = "see that it is well posed at rest: `sweep check`"
+        raise ConfigError([Mistake("scene", ABSENT, problem, remedy)], case.name)
     table["envelope"] = envelope(table)
     data = xr.Dataset.from_dataframe(table.rename_axis("run"))
     units = {"seconds": "s", "march_seconds": "s", "knob": "1 or s"}
