@@ -143,6 +143,8 @@ def maps(steps: int) -> dict[str, tuple[Scene, Over]]:
         "sink, cord EA": (one_sink(), over("devices[0].EA", spread(1e4, 5e10, 7), 0.3, 40)),
         "sink, phi0": (one_sink(), over("devices[0].phi0", (0.5, 2.0, 3.562, 8.0, 15.0), 0.3, 40)),
         "four sinks, cord EA of one": (STUDY, over("devices[1].EA", (7.293e9,), 0.6, 40)),
+        "four sinks, model transverse, cord EA of one": (
+            STUDY, over("devices[1].EA", (1e5, 1e7, 7.293e9), 0.4, 32, models=("transverse",))),
         "sink, cord EA, long": (one_sink(), over("devices[0].EA", (1e5, 5.384e8), 1.5, 40)),
         "string in air, long": (string(), over("", (math.nan,), 60.0, 16)),
         "free sink, cord EA": (

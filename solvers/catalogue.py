@@ -817,7 +817,7 @@ def march(
         if valid == Status.OK and hasattr(model, "run_error"):
             strayed = model.run_error(grid[:done], signals)
             common["estimated_error"] = float(np.fmax(common["estimated_error"], strayed))
-            if not strayed <= ask.accuracy:
+            if not strayed <= ask.accuracy and residual <= ENERGY_TOLERANCE:  # else it is the march that strays
                 valid, why = Status.CANNOT_REPRESENT, _too_far(choice.model, strayed, "the run", ask)
         zero = _static_energy(model, static)
         if MODELS[choice.model].constrained and code != Status.OK:

@@ -35,6 +35,7 @@ from solvers.catalogue import static_state
 from solvers.catenary import catenary
 from solvers.dispatch import call_tangent
 from solvers.lines.lumped import LumpedModel
+from solvers.methods.march import LEDGER
 
 REFERENCE = Path(__file__).parents[1] / "reference"
 HERE, SIDE = (0.0, 0.0, 0.0), (1.0, 0.0, 0.0)
@@ -107,6 +108,14 @@ def test_jumper_elastic_catenary() -> None:
     low = V - JUMPER_WEIGHT * 170.0
     found = np.array([math.hypot(H, V), V, H, math.hypot(H, low), -low]) / 1e3
     np.testing.assert_allclose(found, [47.1395, 45.7222, 11.4723, 26.6263, 24.0280], atol=5e-5)
+
+
+@pytest.mark.parametrize("model", ["lumped", "hermite", "rod"])
+def test_a_static_state_has_a_ledger(model: str) -> None:
+    """Of zeros, in every line: nothing moves, and nothing is lost."""
+    response = solve(jumper(1.208e5), Ask(model=model, segments=40))
+    assert response.status == Status.OK
+    assert all(response.signals[name].tolist() == [0.0] for name in LEDGER)
 
 
 def test_jumper_without_bending_converges_to_the_catenary() -> None:
