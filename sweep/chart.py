@@ -305,6 +305,7 @@ def measured(
     return {
         "program": program, "model": model, "method": response.method or method, "segments": segments, "knob": knob,
         "status": response.status.name, "seconds": seconds, "march_seconds": response.cost.seconds,
+        "checking_seconds": response.cost.checking,
         "error": pilot.gap(response, truth.response), "estimated_error": response.estimated_error,
         "energy_residual": response.energy_residual, **{f"error_{name}": x for name, x in errors.items()},
     }  # fmt: skip
@@ -394,7 +395,7 @@ def chart(
         raise ConfigError([Mistake("scene", ABSENT, problem, remedy)], case.name)
     table["envelope"] = envelope(table)
     data = xr.Dataset.from_dataframe(table.rename_axis("run"))
-    units = {"seconds": "s", "march_seconds": "s", "knob": "1 or s"}
+    units = {"seconds": "s", "march_seconds": "s", "checking_seconds": "s", "knob": "1 or s"}
     for name in data:
         data[name].attrs["units"] = units.get(str(name), "1")
     data.attrs = {
