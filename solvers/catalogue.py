@@ -779,6 +779,8 @@ def march(
         return _at_rest(model, static, common, ask, joints)
     fastest = model.fastest(static)
     limits = limits_of(model, ask, name, fastest)
+    if not METHODS[name].adaptive:
+        common["step"] = limits.first
     grid = output_grid(ask)
     pieces = np.array([0.0, *(x for x in model.breaks if 0 < x < ask.duration), ask.duration])
     guard, note, nodes = model.guards(static)

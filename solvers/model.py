@@ -125,6 +125,7 @@ class Response:
     model: str = ""
     method: str = ""
     tolerance: float = float("nan")  # of an adaptive method
+    step: float = float("nan")  # of a method with fixed steps, asked for or the mesh's [s]
     chaotic: bool = False  # pilots found that waveforms do not converge: only statistics mean something
     segments: int = 0  # N as asked or chosen; rods and devices may make the mesh differ by a few
     reason: str = ""  # why this model, method and mesh

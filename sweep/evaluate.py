@@ -123,19 +123,22 @@ def _solve(scene: Scene, ask: Ask) -> Response:
 
 
 def run_trusted(scene: Scene, ask: Ask) -> Run:
-    """Run a scene; an adaptive run that is not trusted is tried once more at a tenth of the tolerance.
+    """Run a scene; one that is not trusted is tried once more at a tenth of the tolerance, or at half of a step that
+    the mesh gave.
 
-    Fixed-step runs are never retried, nor are those that a tighter tolerance cannot mend.
+    Steps that were asked for are never retried, nor is what a tighter tolerance cannot mend.
     """
     first = _solve(scene, ask)
-    used = first.tolerance
     hopeless = first.method == "harmonic" and first.status == Status.NO_CONVERGENCE  # a tolerance does not help Newton
-    if first.status not in RETRIED or hopeless or not used > 0:
-        return Run(first, used, 0.0)
-    second = _solve(scene, replace(ask, tolerance=used / 10, segments=ask.segments or first.segments))
+    own = ask.step is None and first.step > 0
+    if first.status not in RETRIED or hopeless or not (first.tolerance > 0 or own):
+        return Run(first, first.tolerance, 0.0)
+    same = replace(ask, segments=ask.segments or first.segments)
+    finer = replace(same, step=first.step / 2) if own else replace(same, tolerance=first.tolerance / 10)
+    second = _solve(scene, finer)
     if second.status in FINISHED or first.status not in FINISHED:
-        return Run(second, used / 10, first.cost.seconds)
-    return Run(first, used, second.cost.seconds)
+        return Run(second, second.tolerance if own else first.tolerance / 10, first.cost.seconds)
+    return Run(first, first.tolerance, second.cost.seconds)
 
 
 def baseline_ask(ask: Ask, response: Response, name: str = "") -> Ask:
@@ -269,7 +272,8 @@ def _uncertainty(
     settled = response.method == "harmonic" or point.ask.duration == 0  # does not depend on the start
     fixed = not run.tolerance > 0
     same = replace(baseline_ask(point.ask, response), tolerance=point.ask.tolerance if fixed else run.tolerance)
-    same = replace(same, model=response.model)  # that of the design, whatever the baseline is run as
+    step = response.step if fixed and response.step > 0 else None
+    same = replace(same, model=response.model, step=step)  # of the design, whatever the baseline is run as
     wrong: list[str] = []
 
     def again(ask: Ask, what: str) -> Response | None:

@@ -47,7 +47,9 @@ class Solver:
         method = "dopri5" if ask.method == "auto" else ask.method
         adapts = METHODS[method].adaptive
         used = (ask.tolerance or METHODS[method].tolerance) if adapts else float("nan")
-        return replace(found, cost=Cost(steps=7, evaluations=49, seconds=seconds), method=method, tolerance=used)
+        step = ask.step or (1e-3 if METHODS[method].own_step else float("nan"))
+        cost = Cost(steps=7, evaluations=49, seconds=seconds)
+        return replace(found, cost=cost, method=method, tolerance=used, step=step)
 
     @property
     def alive(self):
@@ -158,6 +160,14 @@ def test_fixed_steps_are_never_retried(solver, method):
     record = evaluate(point(replace(ASK, method=method, step=1e-4)))
     assert len(solver.alive) == 1
     assert math.isnan(record.tolerance)
+
+
+def test_a_step_of_the_mesh_is_halved_once(solver):
+    solver.statuses[True] = Status.ENERGY_OPEN
+    record = evaluate(point(replace(ASK, method="srkn4")))
+    assert [ask.step for ask in solver.alive] == [None, 0.5e-3]
+    assert record.status == "ENERGY_OPEN"
+    assert len({ask.segments for ask in solver.alive[1:]} - {None}) == 1
 
 
 def test_a_failed_run_is_a_row_of_nans(solver):
