@@ -79,7 +79,7 @@ test-alone: $(VENV)/dev-installed
 	python -m pytest -q --ignore=tests/mpi --ignore=tests/slurm
 
 test-cluster: $(VENV)/dev-installed
-	python -m pytest -q tests/mpi tests/slurm
+	python -m pytest -q -p no:cacheprovider tests/mpi tests/slurm
 
 lint: $(VENV)/dev-installed
 	ruff check .

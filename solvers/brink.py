@@ -19,7 +19,7 @@ TABLES: dict[str, Any] = {
     "esdirk4": esdirk.TABLE,
 }  # fmt: skip
 UNDAMPED = 1e-8  # of the largest eigenvalue: real parts below come from rounding
-# |h lambda| at which a stability function is looked at; the symplectic method has a window of 0.003 above pi
+# |h lambda| at which a stability function is looked at; the symplectic method has a window of 0.005 above pi
 RAY = np.sort(np.concatenate([np.geomspace(1e-4, 12.0, 2401), np.linspace(3.16, 3.17, 21)]))
 PARTNERS = np.linspace(0.0, 1.0, 9)  # of an overdamped eigenvalue: the slower one of its motion, over it
 
@@ -60,7 +60,7 @@ def _generalised(z: np.ndarray, rho: float) -> np.ndarray:
 
 def _nystrom(z: np.ndarray) -> np.ndarray:
     """Spectral radius of (y, h y')_n -> (y, h y')_{n+1} for the motion whose eigenvalues are z and its conjugate; of a
-    real z, which leaves its partner open, the largest over `PARTNERS`."""
+    real z, which leaves its partner open, the largest over `PARTNERS`: limits of overdamped motion are lower bounds."""
     z = z[..., None]
     partner = np.where(z.imag == 0, z.real * PARTNERS, z.conj())
     damping, stiffness = -(z + partner).real, (z * partner).real

@@ -27,9 +27,9 @@ FLOOR_SPEED = 1e-4  # velocity errors below this speed never matter [m/s]
 REACH = 3.2  # largest step times |eigenvalue| of the explicit 5(4) pair, whose limit on the real axis is 3.31
 RING = 0.35  # largest step of `dopri5` times the highest transverse frequency where devices ring it
 TAUT = 0.5  # largest step times device frequency while a cord is taut: six steps in the shortest impact
-SWING = 1.6  # largest step of `srkn4` times the highest frequency: energy to 1e-4; critical damping is stable to 2.06
+SWING = 1.6  # largest step of `srkn4` times the highest frequency: energy to 2e-4; critical damping is stable to 2.04
 SWING_REACH = 2.9  # and times an overdamped |eigenvalue|: stable at all dampings (tests/verification/test_nystrom.py)
-SWING_TAUT = 1.0  # and times device frequency while a cord is taut
+SWING_TAUT = 1.0  # and times the largest |eigenvalue| of a device while its cord is taut, damper included
 UNGUIDED = 60  # segments where no excitation sets a wave length
 FIRST = 20  # most segments of the first pilot
 EQUALS = ("hermite", "transverse")  # lines that pilots try beside the lumped one
@@ -300,7 +300,8 @@ def marching(scene: sc.Scene, ask: Ask, segments: int, model: str = "lumped") ->
         return "genalpha", "a fixed step was asked"
     if MODELS[model].constrained:
         return "trbdf2", "implicit: a line with constraints"
-    if impacts(scene) and F.LARGE_MOTION not in MODELS[model].features:
+    stiff = any(s.BI > 0 for s in scene.cable)  # whose damping would set the step
+    if impacts(scene) and F.LARGE_MOTION not in MODELS[model].features and not stiff:
         return "srkn4", "explicit, without loss: impacts ring, and no wave along the line is faster than they"
     if scene.devices or segments <= 160:
         return "dopri5", "explicit: impacts, or a mesh so small that its axial step is cheap"
@@ -331,7 +332,8 @@ def static_state(model: Any) -> tuple[Status, np.ndarray, str]:
 def solve(scene: sc.Scene, ask: Ask) -> Response:
     """Run a scene: model and method chosen or as asked; without `segments`, pilots choose mesh and tolerance too.
 
-    Where `auto` chose harmonic balance and its answer cannot be trusted, the time domain runs instead; `reason` tells.
+    Where `auto` chose harmonic balance and its answer cannot be trusted, the time domain runs instead; where it chose
+    `srkn4` and that diverged or left the ledger open, `tsit5` does; `reason` tells.
 
     Raises
     ------
@@ -346,6 +348,9 @@ def solve(scene: sc.Scene, ask: Ask) -> Response:
         reason = f"{how}; harmonic balance gave {response.status.name}: {response.message}"
         choice = choice._replace(method=method, reason=reason)
         response = going(scene, ask, choice)
+    if choice.method == "srkn4" and ask.method == "auto" and response.status in (Status.DIVERGED, Status.ENERGY_OPEN):
+        reason = f"explicit, with error control; srkn4 gave {response.status.name}: {response.message}"
+        response = going(scene, ask, choice._replace(method="tsit5", reason=reason))
     return response
 
 
@@ -373,6 +378,8 @@ def ways(scene: sc.Scene, ask: Ask, choice: Choice) -> list[pilot.Way]:
             method = METHODS[name]
             if ask.duration <= 0:
                 knob, tune = math.nan, False
+            elif method.own_step and ask.step is None:
+                knob, tune = 1.0, False  # share of the mesh's step
             elif method.adaptive:
                 knob, tune = (ask.tolerance, False) if ask.tolerance else (LOOSE * method.tolerance, True)
             else:
@@ -409,8 +416,12 @@ def piloted(scene: sc.Scene, ask: Ask, choice: Choice) -> Response:
     def attempt(way: pilot.Way, segments: int, knob: float) -> Response:
         asked = replace(ask, segments=segments)
         if math.isfinite(knob):
-            adapts = METHODS[way.method].adaptive
-            asked = replace(asked, tolerance=knob) if adapts else replace(asked, step=knob)
+            method = METHODS[way.method]
+            if method.own_step and ask.step is None:
+                step = attempt(way, segments, 1.0).step * knob if knob < 1 else math.nan
+                asked = replace(asked, step=step if step > 0 else None)
+            else:
+                asked = replace(asked, tolerance=knob) if method.adaptive else replace(asked, step=knob)
         plan = choice._replace(model=way.model, method=way.method, segments=segments, error=math.nan)
         return run(scene, asked, plan, False)
 
@@ -672,10 +683,14 @@ def limits_of(model: Any, ask: Ask, name: str, fastest: dict[str, float]) -> Lim
     method, floor = METHODS[name], 0.5 * float(model.pack.weight.sum()) * FLOOR_SPEED**2
     taut = np.full(model.n_gaps, math.inf)
     if method.own_step or (method.adaptive and name in RUNGE_KUTTA):
-        rates = model.impacts() if hasattr(model, "impacts") else np.full(model.n_gaps, fastest["device"])
-        np.divide(SWING_TAUT if method.own_step else TAUT, rates, out=taut, where=rates > 0)
+        damped = method.own_step  # without error control a damper must be resolved too
+        known = fastest["struck" if damped and "struck" in fastest else "device"]
+        rates = model.impacts(damped) if hasattr(model, "impacts") else np.full(model.n_gaps, known)
+        np.divide(SWING_TAUT if damped else TAUT, rates, out=taut, where=rates > 0)
     if method.own_step:
-        return Limits(ask.step or own_step(model, ask, fastest), 0.0, 1.0, 0.0, taut, floor)
+        own = own_step(model, ask, fastest)
+        step = ask.step or own
+        return Limits(step, 0.0, 1.0, 0.0, taut * min(1.0, step / own), floor)
     if not method.adaptive:
         return Limits(float(ask.step or 0.0), 0.0, 1.0, 0.0, taut, floor)
     tolerance = tolerance_of(name, ask)
@@ -697,7 +712,8 @@ def longest_step(model: Any, ask: Ask) -> float:
 
 
 def own_step(model: Any, ask: Ask, fastest: dict[str, float]) -> float:
-    """The step of `srkn4` on a mesh [s]: the fastest mode keeps its energy to 1e-4, and all damping is stable."""
+    """The step of `srkn4` on a mesh [s]: the fastest mode keeps its energy to 2e-4, and the damping that `decay` counts
+    is stable (of lumped masses and Hermite elements BA, not BI; drag nowhere)."""
     rates = {SWING: max(fastest["axial"], fastest["bending"], fastest["tension"]), SWING_REACH: fastest["decay"]}
     return min([longest_step(model, ask), *(share / rate for share, rate in rates.items() if rate > 0)])
 

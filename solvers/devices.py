@@ -32,6 +32,15 @@ def law_force(y, ydot, law):
     return 2.0 * s * pull, 2.0 * (ds * pull + s * (k * s + c * ds * ydot)), 2.0 * c * s * s
 
 
+def stuck_to(law, light):
+    """Largest |eigenvalue| of a mass on its springs or fully taut cords, without and with their damper [1/s]; `light`
+    is the inverse of its mass beside its host [1/kg]."""
+    kind, k, c, rest, a = (float(x) for x in law)
+    share = 1.0 if kind == LINEAR else 2.0 * (1.0 - (a / rest) ** 2)
+    square, half = share * k * light, 0.5 * share * c * light
+    return math.sqrt(square), max(math.sqrt(square), half + math.sqrt(max(half * half - square, 0.0)))
+
+
 @kernel
 def law_energy(y, law):
     """Strain energy U [J] of the two cords: k (l - l0)^2, or k y^2/2 of a linear device."""

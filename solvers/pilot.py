@@ -22,7 +22,7 @@ SHARE = 0.25  # of the accuracy asked that time stepping may take
 NEARLY = 0.8  # of that, aimed at by interpolation
 GROWTH, LEAST_GROWTH = 3.0, 1.3  # by which one pilot's mesh exceeds the last one's
 LEAST = 8  # segments
-GUARDED = 3  # times that a mesh which is right, but that the line's guards call UNRESOLVED, is made finer by 1.4
+GUARDED = 3  # finer meshes, by 1.4 each, that are tried where one is right but the line's guards call it UNRESOLVED
 STAGES = 6  # evaluations in an explicit step
 FINEST, MOST_WORK = 20_000, 1e10  # segments, and counted operations of all pilots (minutes)
 TIGHTEST = 1e-10  # tolerance
@@ -214,11 +214,13 @@ def refine(attempt: Attempt, ways: list[Way], accuracy: float, first: int) -> Re
     for _, way, knob, late in sorted(offers, key=lambda offer: offer[0]):
         fine, error = in_space(pilots, way, first_of(way, given), knob, wanted_in_space(way, accuracy, late))
         run = pilots(way, fine, knob)
-        for _ in range(GUARDED):  # a layer at a clamp, a short wave
-            if run.status != Status.UNRESOLVED or 1.4 * fine > FINEST:
+        for k in range(1, GUARDED + 1):  # a layer at a clamp, a short wave
+            finer = math.ceil(fine * 1.4**k)
+            if run.status != Status.UNRESOLVED or finer > FINEST or pilots.work > MOST_WORK:
                 break
-            fine = math.ceil(1.4 * fine)
-            run = pilots(way, fine, knob)
+            other = pilots(way, finer, knob)
+            if other.status == Status.OK:
+                fine, run = finer, other
         while run.status == Status.ENERGY_OPEN and way.tune and knob / way.factor > TIGHTEST:
             knob /= way.factor  # finer meshes ring more
             run = pilots(way, fine, knob)

@@ -118,7 +118,8 @@ def costlier(scene: Scene, ask: Ask, row: dict[str, Any], wanted: Wanted) -> Ask
     falls = line.order < MODELS[used].order
     settles = method == "harmonic" and Feature.PERIODIC in line.features and not line.constrained
     marches = METHODS.get(method) is not None and method in line.marched and can_march(model, method)
-    if not (settles or marches or (ask.step is not None and can_march(model, method))):
+    fixed = ask.step is not None and method in METHODS and not METHODS[method].own_step
+    if not (settles or marches or (fixed and can_march(model, method))):
         method = next(name for name in (*line.marched, "trbdf2") if can_march(model, name))
     default = METHODS[method].tolerance if METHODS[method].adaptive else None
     tight = default if default is None or math.isnan(tolerance) or method != row["method"] else min(default, tolerance)

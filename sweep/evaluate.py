@@ -134,8 +134,8 @@ def run_trusted(scene: Scene, ask: Ask) -> Run:
     if first.status not in RETRIED or hopeless or not (first.tolerance > 0 or own):
         return Run(first, first.tolerance, 0.0)
     same = replace(ask, segments=ask.segments or first.segments)
-    finer = replace(same, step=first.step / 2) if own else replace(same, tolerance=first.tolerance / 10)
-    second = _solve(scene, finer)
+    change = {"method": first.method, "step": first.step / 2} if own else {"tolerance": first.tolerance / 10}
+    second = _solve(scene, replace(same, **change))
     if second.status in FINISHED or first.status not in FINISHED:
         return Run(second, second.tolerance if own else first.tolerance / 10, first.cost.seconds)
     return Run(first, first.tolerance, second.cost.seconds)
@@ -311,7 +311,8 @@ def _uncertainty(
     close = metrics if point.ask.duration == 0 else row(tighter(same, 0.5 if fixed else 0.1), "the run in finer time")
     segments = round(asked.refine * response.segments)
     finer = segments / max(response.segments, 1)
-    mesh = tighter(replace(same, segments=segments), finer**-2 if fixed else 1.0)  # a fixed step must stay stable
+    mesh = replace(same, segments=segments, step=point.ask.step)  # a mesh's own step is that of the finer mesh
+    mesh = tighter(mesh, finer**-2 if fixed else 1.0)  # a step that is asked for must stay stable
     fine = row(mesh, f"the run on {segments} segments")
     found = deviations(metrics, ensemble, close, fine, finer) | chaos(growths)
     return found, f"uncertainty: {', '.join(wrong)}" if wrong else ""

@@ -165,7 +165,7 @@ def test_fixed_steps_are_never_retried(solver, method):
 def test_a_step_of_the_mesh_is_halved_once(solver):
     solver.statuses[True] = Status.ENERGY_OPEN
     record = evaluate(point(replace(ASK, method="srkn4")))
-    assert [ask.step for ask in solver.alive] == [None, 0.5e-3]
+    assert [(ask.method, ask.step) for ask in solver.alive] == [("srkn4", None), ("srkn4", 0.5e-3)]
     assert record.status == "ENERGY_OPEN"
     assert len({ask.segments for ask in solver.alive[1:]} - {None}) == 1
 

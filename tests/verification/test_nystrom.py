@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 from march_kit import march_oscillator
 from scipy.interpolate import BPoly
-from test_ringing import CABLE
+from test_ringing import CABLE, SINK
 
 from solvers import Ask, Status, solve
 from solvers.brink import amplification, stable_step
@@ -65,7 +65,7 @@ def test_symplectic():
 
 
 def test_energy_of_an_oscillation_stays():
-    """A hundred thousand steps at the length that lines are given: the energy swings by 1e-4 and goes nowhere."""
+    """A hundred thousand steps at the length that lines are given: the energy swings by 2e-4 and goes nowhere."""
     grid = np.arange(100_001) * SWING
     run = march_oscillator(oscillator(), [1.0], [0.0], grid, "srkn4", step=SWING)
     energy = run.ledger[:, 0] + run.ledger[:, 1]
@@ -91,7 +91,7 @@ def test_step_of_an_oscillator_is_the_amplification(damping):
 
 def test_both_sides_of_the_limit():
     """What nothing damps: bounded at 3.16 and 3.18, growing in the window between, which is where the limit is said to
-    be; lost for good above 5.04."""
+    be; lost for good above 5.03."""
 
     def largest(step: float) -> float:
         run = march_oscillator(oscillator(), [1.0], [0.0], np.arange(5001) * step, "srkn4", step=step)
@@ -117,11 +117,11 @@ def test_own_step_is_stable(damping):
     assert np.abs(np.linalg.eigvals(matrix)).max() < 1 + 1e-9
 
 
-@pytest.mark.parametrize(("damping", "limit"), [(0.2, 4.10), (0.5, 4.40), (1.0, 2.06)])
+@pytest.mark.parametrize(("damping", "limit"), [(0.2, 4.10), (0.5, 4.383), (1.0, 2.048)])
 def test_limit_with_damping(damping, limit):
-    """|lambda| = 1 at shares of critical damping; lines are given SWING, below all of them. Two digits are given."""
+    """|lambda| = 1 at shares of critical damping; lines are given SWING, below all of them. As printed."""
     z = -damping + 1j * math.sqrt(max(1 - damping**2, 0.0))
-    assert stable_step("srkn4", np.array([z])) == pytest.approx(limit, abs=0.02)
+    assert stable_step("srkn4", np.array([z])) == pytest.approx(limit, abs=5e-3)
     assert limit > SWING
 
 
@@ -139,18 +139,18 @@ def test_interpolant():
 
 
 ASK = Ask(duration=1.0, model="transverse", segments=24)
+PLAIN = replace(CABLE, cable=tuple(replace(x, BI=0.0) for x in CABLE.cable))  # nothing damps what rings
 
 
 def test_impacts_at_long_steps():
-    """A line whose sink strikes and rings: a third of the steps of `tsit5`, of as many evaluations each, and a closed
-    ledger. `auto` takes it where no wave along the line is faster than the ringing."""
-    plain = replace(CABLE, cable=tuple(replace(x, BI=0.0) for x in CABLE.cable))  # nothing damps what rings
-    short = solve(plain, replace(ASK, method="tsit5"))
-    own = solve(plain, replace(ASK, method="srkn4"))
+    """A line whose sink strikes and rings, without BI: a third of the steps of `tsit5`, of seven evaluations for six,
+    and a closed ledger. `auto` takes it there; with BI, which would set its step, `dopri5`."""
+    short = solve(PLAIN, replace(ASK, method="tsit5"))
+    own = solve(PLAIN, replace(ASK, method="srkn4"))
     assert own.trusted, own.message
     assert own.cost.steps < 0.5 * short.cost.steps
     assert own.energy_residual < 5e-4  # half of what is trusted
-    assert solve(CABLE, ASK).method == "srkn4"
+    assert (solve(PLAIN, ASK).method, solve(CABLE, ASK).method) == ("srkn4", "dopri5")
 
 
 def test_before_chaos_the_waveform_is_that_of_a_tight_run():
@@ -165,10 +165,43 @@ def test_before_chaos_the_waveform_is_that_of_a_tight_run():
 
 def test_a_step_that_is_asked_for_is_checked():
     """Up to the mesh's own it is known to be right; a longer one is compared with half of it. Far too long: not OK."""
-    own = solve(CABLE, replace(ASK, method="srkn4"))
-    step = ASK.duration / own.cost.steps
-    assert solve(CABLE, replace(ASK, method="srkn4", step=0.5 * step)).cost.checking == 0.0
-    twice = solve(CABLE, replace(ASK, method="srkn4", step=1.6 * step))
-    assert twice.status != Status.OK or twice.cost.checking > 0.0
-    wild = solve(CABLE, replace(ASK, method="srkn4", step=6 * step))
+    ask = replace(ASK, method="srkn4", duration=0.3, interval=2e-3)
+    step = solve(PLAIN, ask).step
+    assert step > 0
+    assert solve(PLAIN, replace(ask, step=step)).cost.checking == 0.0
+    longer = solve(PLAIN, replace(ask, step=1.3 * step))
+    assert longer.cost.checking > 0.0
+    wild = solve(PLAIN, replace(ask, step=4 * step))
     assert wild.status in (Status.DIVERGED, Status.ENERGY_OPEN)
+
+
+@pytest.mark.parametrize("share", [0.1, 1.5, 6.0])
+def test_a_damper_of_any_size_is_resolved(share):
+    """Cords whose damping is a share of critical, which alone would ask for shorter steps than their stiffness: within
+    1e-2 of a tight run, or not OK."""
+    BA = share * math.sqrt(2 * SINK.EA * SINK.length * SINK.mass) / math.sin(math.radians(SINK.phi0))
+    scene = replace(PLAIN, devices=(replace(SINK, BA=BA),))
+    early = replace(ASK, duration=0.3, interval=2e-3, accuracy=0.01)
+    truth = solve(scene, replace(early, method="dopri5", tolerance=1e-8))
+    run = solve(scene, replace(early, method="srkn4"))
+    assert run.trusted, run.message
+    x, y = (r.signals["position"] - r.signals["static_position"] for r in (run, truth))
+    assert np.sqrt(((x - y) ** 2).mean() / (y**2).mean()) < 1e-2
+
+
+def test_pilots_without_a_mesh():
+    """Named without `segments` on a scene without impacts: pilots compare it with half of each mesh's step."""
+    smooth = replace(PLAIN, devices=())
+    run = solve(smooth, replace(ASK, method="srkn4", segments=None))
+    assert run.trusted, run.message
+    assert run.method == "srkn4"
+    assert 0 < run.estimated_error < 0.05
+
+
+def test_auto_falls_back_where_it_fails():
+    """A light sliding mass with large drag, of which its step knows nothing: `tsit5` runs, and the reason tells."""
+    light = replace(PLAIN, devices=(replace(SINK, mass=0.01, drag=100.0),))
+    run = solve(light, replace(ASK, duration=0.2))
+    assert run.trusted, run.message
+    assert run.method == "tsit5"
+    assert "srkn4 gave" in run.reason

@@ -11,6 +11,7 @@ from numba import njit
 from ... import scene as sc
 from ...algebra import axpy, dot, load, row, unit
 from ...catenary import hanging_shape
+from ...devices import LINEAR, stuck_to
 from ...dispatch import call_residual, provides
 from ...geometry import basis_of
 from ...model import CannotRepresent, Status
@@ -322,8 +323,9 @@ class LumpedModel:
     # ------------------------------------------------------------------------------------------ guards
 
     def fastest(self, static: np.ndarray) -> dict[str, float]:
-        """Highest angular frequencies by kind [rad/s]: axial, tension, bending, device; and `decay`, the largest size
-        of an eigenvalue when the axial damping BA is counted (beyond critical damping it grows as 1/l^2)."""
+        """Highest angular frequencies by kind [rad/s]: axial, tension, bending, device; `decay`, the largest size of
+        an eigenvalue when the axial damping BA is counted (beyond critical damping it grows as 1/l^2), and `struck`,
+        that of a device with its damper."""
         p, S = self.pack, [self.scene.cable[k] for k in self.mesh.section]
         l, soft = np.diff(self.mesh.s), ~self.mesh.rod
         m = np.array([x.mass for x in S])
@@ -350,19 +352,21 @@ class LumpedModel:
             "decay": float(np.maximum(np.sqrt(square), half + np.sqrt(np.maximum(half**2 - square, 0))).max()),
             "tension": float((2 / l * np.sqrt(tension / (m + added)))[soft].max()),
             "bending": float((4 / l**2 * np.sqrt(EI / (m + added)))[soft].max()),
-            "device": 0.0,
-        }
+            "device": 0.0, "struck": 0.0,
+        }  # fmt: skip
+        found = []
         for a in range(len(p.slot)):
             if p.slot[a] < 0:
                 continue
-            kind, k, _, rest, span = p.law[a]
             i, j = p.host[a]
             mh = p.weight[p.at[i]] + (p.weight[p.at[j]] if i != j else 0.0) - p.dev_mass[a]
-            stiffness = k if kind == 0 else 2 * k * (1 - (span / rest) ** 2)
-            out["device"] = max(out["device"], math.sqrt(stiffness * (1 / p.dev_mass[a] + 1 / mh)))
+            found.append(stuck_to(p.law[a], 1 / p.dev_mass[a] + 1 / mh))
         for e in np.flatnonzero(p.cord):
             mh, M = p.weight[p.at[p.ei[e]]], p.weight[p.at[p.ej[e]]]
-            out["device"] = max(out["device"], math.sqrt(2 * p.EA[e] / p.rest[e] * (1 / M + 1 / mh)))
+            pair = (LINEAR, 2 * p.EA[e] / p.rest[e], 2 * p.BA[e] / p.rest[e], 1.0, 1.0)
+            found.append(stuck_to(pair, 1 / M + 1 / mh))
+        if found:
+            out["device"], out["struck"] = (max(rates) for rates in zip(*found, strict=True))
         return out
 
     def static_tension(self, static: np.ndarray) -> np.ndarray:

@@ -11,7 +11,7 @@ from scipy.linalg import eigh
 from scipy.optimize import brentq
 
 from ... import scene as sc
-from ...devices import LINEAR
+from ...devices import stuck_to
 from ...dispatch import call_residual, provides
 from ...geometry import basis_of
 from ...model import CannotRepresent, Status
@@ -343,17 +343,16 @@ class TransverseModel:
             "decay": max(top, half + math.sqrt(max(half**2 - top**2, 0.0))),
         }  # fmt: skip
 
-    def impacts(self) -> np.ndarray:
-        """(n_gaps,) highest angular frequency of each sliding mass on its springs or taut cords [rad/s]."""
+    def impacts(self, damped: bool = False) -> np.ndarray:
+        """(n_gaps,) highest angular frequency of each sliding mass on its springs or taut cords [rad/s]; or the size of
+        its largest eigenvalue when their dampers are counted."""
         p, free = self.pack, np.ones(self.ndof, dtype=bool)
         free[p.fixed] = False
         light = np.zeros((self.ndof, self.ndof))
         light[np.ix_(free, free)] = np.linalg.inv(self.dense.M[np.ix_(free, free)])
-        found = []
-        for (kind, k, _, rest, span), slot in zip(p.law, p.slot, strict=True):
-            if slot >= 0:
-                found.append(math.sqrt((k if kind == LINEAR else 2 * k * (1 - (span / rest) ** 2)) * light[slot, slot]))
-        return np.array(found)
+        return np.array([
+            stuck_to(law, light[slot, slot])[damped] for law, slot in zip(p.law, p.slot, strict=True) if slot >= 0
+        ])  # fmt: skip
 
     def guards(self, static: np.ndarray) -> tuple[Status, str, float]:
         """Status, sentence and spans per shortest wave of the excitation."""
