@@ -1,6 +1,6 @@
 """Where each method fails: more than two thousand runs over steps, tolerances and fields of several scenes.
 
-    python benchmarks/stability.py [--out DIR] [--only NAME ...] [--steps 7] [--processes 1]
+    python benchmarks/stability.py [--out DIR] [--only NAME ...] [--method NAME ...] [--steps 7]
 
 Prints the outcomes by method and by map, every run that said OK and was not (the bar is none), the share of good runs
 that were called bad (the bar is 5 %), and the theoretical limits beside the largest step that was good. Errors are of
@@ -178,6 +178,7 @@ def main() -> None:
     parser.add_argument("--out", type=Path, help="also write the runs of each map here, as csv and netCDF")
     parser.add_argument("--only", nargs="+", default=[], help="maps whose name contains one of these")
     parser.add_argument("--steps", type=int, default=7, help="points along the step or tolerance")
+    parser.add_argument("--method", nargs="+", default=[], help="these methods alone, as `sweep stability` names them")
     parser.add_argument("--processes", type=int, default=1)
     options = parser.parse_args()
     rows: list[dict[str, Any]] = []
@@ -186,6 +187,11 @@ def main() -> None:
         name: one for name, one in maps(options.steps).items()
         if not options.only or any(part in name for part in options.only)
     }  # fmt: skip
+    if options.method:
+        chosen = {
+            name: (scene, replace(over, methods=kept)) for name, (scene, over) in chosen.items()
+            if (kept := tuple(x for x in over.methods if x in options.method))
+        }  # fmt: skip
     pool = ProcessPoolExecutor(options.processes, mp_context=get_context("spawn"))
     results = pool.map(cells, *zip(*chosen.values(), strict=True))
     for (name, (scene, over)), mine in zip(chosen.items(), results, strict=True):

@@ -181,7 +181,7 @@ def split(name: str) -> tuple[str, float]:
 
 
 def settings_of(name: str, known: dict[str, float], slow: float, over: Over) -> list[tuple[float, float]]:
-    """(setting, multiple of the unit) of a method's runs: steps about its limit, or tolerances.
+    """(setting, multiple of the unit) of a method's runs: steps about its limit, or tolerances; NaN is the mesh's step.
 
     An implicit method has no limit: its steps are multiples of the one that transverse waves would set.
     """
@@ -193,7 +193,8 @@ def settings_of(name: str, known: dict[str, float], slow: float, over: Over) -> 
     if not 0 < unit < math.inf:
         unit = max(slow, known["rk4"]) if math.isfinite(known["rk4"]) else over.duration / 200
     unit = min(unit, over.duration / 40)
-    return [(float(x * unit), float(x)) for x in np.geomspace(*MULTIPLES, over.steps)]
+    steps = [(float(x * unit), float(x)) for x in np.geomspace(*MULTIPLES, over.steps)]
+    return [(math.nan, math.nan), *steps] if METHODS[method].own_step else steps
 
 
 # --------------------------------------------------------------------------------------------- runs and truth
@@ -265,7 +266,8 @@ def ask_of(job: Job, ask: Ask) -> Ask:
     method, rho = split(job.method)
     if METHODS[method].adaptive:
         return replace(ask, model=job.model, method=method, tolerance=job.setting)
-    return replace(ask, model=job.model, method=method, rho=rho, step=job.setting)
+    step = job.setting if math.isfinite(job.setting) else None
+    return replace(ask, model=job.model, method=method, rho=rho, step=step)
 
 
 def cells(

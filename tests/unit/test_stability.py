@@ -17,7 +17,20 @@ from solvers import Ask, Response, Status
 from sweep import stability
 from sweep.cli import app
 from sweep.config import ConfigError
-from sweep.stability import ALL, Over, Truth, checked, false_alarms, outcome, placed, settings_of, spread, summary
+from sweep.stability import (
+    ALL,
+    Job,
+    Over,
+    Truth,
+    ask_of,
+    checked,
+    false_alarms,
+    outcome,
+    placed,
+    settings_of,
+    spread,
+    summary,
+)
 
 ROOT = Path(__file__).resolve().parents[2]
 T = np.linspace(0, 1, 11)
@@ -69,6 +82,10 @@ def test_steps_about_the_limit() -> None:
     step = settings_of("rk4", known, 1e-2, over)
     assert step[0] == pytest.approx((5e-5, 0.05))
     assert step[-1] == pytest.approx((4e-3, 4.0))
+    own = settings_of("srkn4", known, 1e-2, over)
+    assert np.isnan(own[0]).all()
+    assert own[1:] == step
+    assert ask_of(Job("lumped", "srkn4", 0.0, *own[0], 1e-3), Ask(step=0.1)).step is None  # the mesh's
     assert settings_of("genalpha 0.8", known, 1e-2, over)[-1][0] == pytest.approx(4e-2)
     np.testing.assert_allclose([x for x, _ in settings_of("trbdf2", known, 1e-2, over)], np.geomspace(1e-2, 1e-8, 5))
 
