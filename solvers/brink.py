@@ -64,19 +64,13 @@ def _nystrom(z: np.ndarray) -> np.ndarray:
     z = z[..., None]
     partner = np.where(z.imag == 0, z.real * PARTNERS, z.conj())
     damping, stiffness = -(z + partner).real, (z * partner).real
-    columns = []
+    t, columns = nystrom.TABLE, []
     for y, v in ((1.0, 0.0), (0.0, 1.0)):
-        t = nystrom.TABLE
-        acting: list[np.ndarray] = []
-        for i in range(len(t.c)):
-            q = y + t.c[i] * v + sum((t.b[j] * (t.c[i] - t.c[j]) * acting[j] for j in range(i)), np.zeros(()))
-            u = v + sum((t.d[i, j] * acting[j] for j in range(i)), np.zeros(()))
-            acting.append(-stiffness * q - damping * u)
-        ends = [(w, w * (1 - c)) for w, c in zip(t.b, t.c, strict=True)]
-        columns.append((
-            y + v + sum(x[1] * a for x, a in zip(ends, acting, strict=True)),
-            v + sum(x[0] * a for x, a in zip(ends, acting, strict=True)),
-        ))  # fmt: skip
+        acting = np.zeros((len(t.c), *damping.shape))
+        for i, c in enumerate(t.c):
+            q, u = y + c * v + np.tensordot(t.b * (c - t.c), acting, 1), v + np.tensordot(t.d[i], acting, 1)
+            acting[i] = -stiffness * q - damping * u
+        columns.append((y + v + np.tensordot(t.b * (1 - t.c), acting, 1), v + np.tensordot(t.b, acting, 1)))
     (a, c), (b, d) = columns
     half, det = 0.5 * (a + d), a * d - b * c
     apart = half * half - det

@@ -32,7 +32,7 @@ def law_force(y, ydot, law):
     return 2.0 * s * pull, 2.0 * (ds * pull + s * (k * s + c * ds * ydot)), 2.0 * c * s * s
 
 
-def stuck_to(law, light):
+def contact_rates(law, light):
     """Largest |eigenvalue| of a mass on its springs or fully taut cords, without and with their damper [1/s]; `light`
     is the inverse of its mass beside its host [1/kg]."""
     kind, k, c, rest, a = (float(x) for x in law)

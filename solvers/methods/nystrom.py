@@ -181,27 +181,8 @@ def within(x, h, s, q, v):
 
 @kernel
 def march(pack, s, out, w, pieces, table, h_most, h_taut, max_steps):
-    """March over the smooth pieces of the motion.
-
-    Parameters
-    ----------
-    pack : NamedTuple
-        A line.
-    s : Ends
-        Row 0 of q, v holds the initial state.
-    out : Output
-    w : Work
-    pieces : (np + 1,) float [s]
-        Start, breaks, end.
-    h_most : float [s]
-        The step.
-    h_taut : (n_gaps,) float [s]
-        Largest step while a gap is positive, and over a change of its sign.
-
-    Returns
-    -------
-    status : int
-    """
+    """March at step `h_most`, at most `h_taut` where a gap is positive or changes its sign; other arguments as in
+    `explicit.march`. Returns a status."""
     n, n_gaps = len(w.q), len(w.g)
     start = 0.0
     for piece in range(len(pieces) - 1):

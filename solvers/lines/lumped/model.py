@@ -11,7 +11,7 @@ from numba import njit
 from ... import scene as sc
 from ...algebra import axpy, dot, load, row, unit
 from ...catenary import hanging_shape
-from ...devices import LINEAR, stuck_to
+from ...devices import LINEAR, contact_rates
 from ...dispatch import call_residual, provides
 from ...geometry import basis_of
 from ...model import CannotRepresent, Status
@@ -360,11 +360,11 @@ class LumpedModel:
                 continue
             i, j = p.host[a]
             mh = p.weight[p.at[i]] + (p.weight[p.at[j]] if i != j else 0.0) - p.dev_mass[a]
-            found.append(stuck_to(p.law[a], 1 / p.dev_mass[a] + 1 / mh))
+            found.append(contact_rates(p.law[a], 1 / p.dev_mass[a] + 1 / mh))
         for e in np.flatnonzero(p.cord):
             mh, M = p.weight[p.at[p.ei[e]]], p.weight[p.at[p.ej[e]]]
             pair = (LINEAR, 2 * p.EA[e] / p.rest[e], 2 * p.BA[e] / p.rest[e], 1.0, 1.0)
-            found.append(stuck_to(pair, 1 / M + 1 / mh))
+            found.append(contact_rates(pair, 1 / M + 1 / mh))
         if found:
             out["device"], out["struck"] = (max(rates) for rates in zip(*found, strict=True))
         return out

@@ -11,7 +11,7 @@ from scipy.linalg import eigh
 from scipy.optimize import brentq
 
 from ... import scene as sc
-from ...devices import stuck_to
+from ...devices import contact_rates
 from ...dispatch import call_residual, provides
 from ...geometry import basis_of
 from ...model import CannotRepresent, Status
@@ -351,7 +351,7 @@ class TransverseModel:
         light = np.zeros((self.ndof, self.ndof))
         light[np.ix_(free, free)] = np.linalg.inv(self.dense.M[np.ix_(free, free)])
         return np.array([
-            stuck_to(law, light[slot, slot])[damped] for law, slot in zip(p.law, p.slot, strict=True) if slot >= 0
+            contact_rates(law, light[slot, slot])[damped] for law, slot in zip(p.law, p.slot, strict=True) if slot >= 0
         ])  # fmt: skip
 
     def guards(self, static: np.ndarray) -> tuple[Status, str, float]:
