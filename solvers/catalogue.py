@@ -33,8 +33,10 @@ SWING_TAUT = 1.0  # and times the largest |eigenvalue| of a device while its cor
 UNGUIDED = 60  # segments where no excitation sets a wave length
 FIRST = 20  # most segments of the first pilot
 EQUALS = ("hermite", "transverse")  # lines that pilots try beside the lumped one
-LOOSE = 10.0  # times its default: the first tolerance of an adaptive method that pilots tune
+LOOSE = 100.0  # times its default: the first tolerance of an adaptive method that pilots tune
 SURE = 0.5  # of the accuracy asked: an error in time estimated below is not looked at again
+USUAL = 0.05  # accuracy that default tolerances are made for
+FEWER = 0.8  # of a run's steps: what a coarser one must do with to tell its error
 
 
 class Line(NamedTuple):
@@ -57,6 +59,7 @@ class Method(NamedTuple):
     adaptive: bool
     tolerance: float  # default, of an adaptive method
     meaning: str
+    order: float = 4.0  # in the step, where the response is smooth
     own_step: bool = False  # of a fixed step: whether the mesh gives it where none is asked for
 
 
@@ -115,14 +118,14 @@ METHODS: dict[str, Method] = {
         (*_MARCH, "accelerate"), True, 1e-4, "explicit Runge-Kutta 5(4) that loses less of fast ringing: impacts"
     ),
     "rk4": Method((*_MARCH, "accelerate"), False, 0.0, "explicit Runge-Kutta, order 4, fixed step"),
-    "rk2": Method((*_MARCH, "accelerate"), False, 0.0, "explicit Runge-Kutta (Heun), order 2, fixed step"),
+    "rk2": Method((*_MARCH, "accelerate"), False, 0.0, "explicit Runge-Kutta (Heun), order 2, fixed step", 2.0),
     "srkn4": Method(
         (*_MARCH, "accelerate"), False, 0.0,
         "symplectic Runge-Kutta-Nystrom, order 4, the mesh's longest good step: keeps what impacts ring", own_step=True,
     ),
-    "genalpha": Method((*_IMPLICIT, "tangent"), False, 0.0, "generalised-alpha, order 2, fixed step, Newton"),
+    "genalpha": Method((*_IMPLICIT, "tangent"), False, 0.0, "generalised-alpha, order 2, fixed step, Newton", 2.0),
     "trbdf2": Method(
-        (*_IMPLICIT, "tangent"), True, 1e-5, "TR-BDF2, order 2, implicit, error control in the energy norm"
+        (*_IMPLICIT, "tangent"), True, 1e-5, "TR-BDF2, order 2, implicit, error control in the energy norm", 2.0
     ),
     "esdirk4": Method(
         (*_IMPLICIT, "tangent"), True, 3e-5, "ESDIRK 4(3), implicit, error control in the energy norm: smooth motion"
@@ -385,7 +388,7 @@ def ways(scene: sc.Scene, ask: Ask, choice: Choice) -> list[pilot.Way]:
             else:
                 knob, tune = float(ask.step or 0.0), False
             found.append(pilot.Way(
-                model, name, line.order, line.price, knob, 10.0 if method.adaptive else 2.0, tune, given,
+                model, name, line.order, line.price, knob, 10.0 if method.adaptive else 2.0, tune, given, method.order,
                 least_steps=pilot.free if name not in RUNGE_KUTTA else partial(least_steps, scene, ask, model),
             ))  # fmt: skip
     return found
@@ -524,13 +527,20 @@ def leaving(model: Any, static: np.ndarray) -> str:
 
 def trials_of(ask: Ask, name: str, n_gaps: int, own: float = 0.0) -> list[tuple[Ask, float]]:
     """Runs that tell the error in time of a run, each with that error over its difference; none where it is known to be
-    small: an adaptive method at its own tolerance that lands on the impacts, and a step up to the mesh's `own`."""
+    small: a step up to the mesh's `own`, and an adaptive method at its default tolerance, or below it by the power 3/2
+    of what is asked below the usual accuracy. (After impacts only statistics are promised.)"""
     most = 10 * ask.max_steps
     if METHODS[name].adaptive:
-        used = tolerance_of(name, ask)
+        used, known = tolerance_of(name, ask), METHODS[name].tolerance
+        if n_gaps == 0:
+            known *= min(1.0, ask.accuracy / USUAL) ** 1.5
         blind = n_gaps > 0 and name not in RUNGE_KUTTA
-        loose = used > METHODS[name].tolerance * (1 + 1e-9)
-        return [(replace(ask, tolerance=used / 10, max_steps=most), 4 / 3)] if blind or loose else []
+        if not blind and used <= known * (1 + 1e-9):
+            return []
+        finer = (replace(ask, tolerance=used / 10, max_steps=most), 4 / 3)
+        if n_gaps > 0 or name in RUNGE_KUTTA or 10 * used >= 1:  # explicit steps are those of stability
+            return [finer]
+        return [(replace(ask, tolerance=10 * used, max_steps=most), 1 / 2), finer]
     if ask.step is None or ask.step <= own:
         return []
     finer = (replace(ask, step=ask.step / 2, max_steps=most), 4 / 3)
@@ -566,14 +576,18 @@ def checked(
 
     That of a fixed step: against a run at twice the step, whose error is four times as large; where that fails, or is
     too far off to tell, one at half the step decides. (Second order is taken for granted, also of rk4: where a force
-    has a kink no more is left.) That of an adaptive method looser than its own default, or blind for impacts: against a
-    tenth of the tolerance, of which the error goes at least with the power 2/3. Seconds are in `cost.checking`.
+    has a kink no more is left.) That of an adaptive method looser than is known to do, or blind for impacts: against
+    ten times the tolerance, whose error is at least three times as large, and a tenth, of which the error goes at least
+    with the power 2/3. Seconds are in `cost.checking`.
     """
     if response.status != Status.OK or len(response.t) < 2 or not trials or motionless(response):
         return response
     begun, error = time.perf_counter(), math.inf
-    for other, factor in trials:
-        found = apart(again(other), response) * factor
+    for asked, factor in trials:
+        other = again(asked)
+        if factor < 1 and other.cost.steps > FEWER * response.cost.steps:
+            continue
+        found = apart(other, response) * factor
         error = found if math.isfinite(found) else error
         if error <= SURE * ask.accuracy:
             break

@@ -18,15 +18,17 @@ from .model import Response, Status
 
 STATIONS = 40  # equal parts of the line at whose ends two runs are compared
 SAFETY = 1.25  # on an error that is extrapolated from coarser meshes
-SHARE = 0.25  # of the accuracy asked that time stepping may take
-NEARLY = 0.8  # of that, aimed at by interpolation
+LEFT = 0.25  # of the accuracy asked that the mesh may take whatever time stepping and kinematics do
+NEARLY = 0.8  # of what time stepping may take, aimed at by interpolation
 GROWTH, LEAST_GROWTH = 3.0, 1.3  # by which one pilot's mesh exceeds the last one's
 LEAST = 8  # segments
 GUARDED = 3  # finer meshes, by 1.4 each, that are tried where one is right but the line's guards call it UNRESOLVED
+COARSER = (1.6, 1.35, 1.15, 1.0)  # by which meshes are coarser that the chosen run judges
+GAIN = 0.8  # of the chosen run's work: what those may take
 STAGES = 6  # evaluations in an explicit step
 FINEST, MOST_WORK = 20_000, 1e10  # segments, and counted operations of all pilots (minutes)
 TIGHTEST = 1e-10  # tolerance
-CHAOTIC, WILD = 0.3, 3  # runs that differ by more at so many tolerances in a row have nothing in common
+CHAOTIC, WILD = 0.3, 4  # runs that differ by more at so many tolerances in a row have nothing in common
 ENDED = frozenset({Status.OK, Status.UNRESOLVED, Status.COARSE_STEP, Status.ENERGY_OPEN, Status.FEW_HARMONICS})
 
 
@@ -88,6 +90,7 @@ class Way(NamedTuple):
     factor: float  # by which the knob is made finer to estimate the error in time
     tune: bool  # whether the knob may be changed
     given: float = 0.0  # estimated error of the line's kinematics
+    late_order: float = 4.0  # of the method in the step
     least_steps: Callable[[int], float] = free  # that stability asks for on a mesh
 
 
@@ -125,6 +128,12 @@ class Pilots:
 
     def __len__(self) -> int:
         return len(self._made)
+
+
+def share_of(way: Way) -> float:
+    """Of the accuracy asked what time stepping may take: steps times segments are fewest where both errors, each times
+    its order, are equal."""
+    return way.order / (way.order + way.late_order)
 
 
 def work(way: Way, run: Response) -> float:
@@ -198,7 +207,7 @@ def refine(attempt: Attempt, ways: list[Way], accuracy: float, first: int) -> Re
         floor = way.price * STAGES * way.least_steps(first) * (first + 1)
         if offers and floor > 5 * min(offer[0] for offer in offers):
             continue  # too dear to try
-        knob, late = in_time(pilots, way, first, SHARE * accuracy)
+        knob, late = in_time(pilots, way, first, share_of(way) * accuracy)
         if not late <= CHAOTIC:
             continue
         apart = gap(pilots(way, first, knob), pilots(way, 2 * first, knob))
@@ -229,7 +238,41 @@ def refine(attempt: Attempt, ways: list[Way], accuracy: float, first: int) -> Re
         if run.status == Status.OK:
             break
     best = next((one for one in found if one.response.status in ENDED), found[0])
+    if best.response.status == Status.OK and best.error < accuracy:
+        best = thrifty(pilots, [(way, knob) for _, way, knob, _ in offers], best, accuracy, given)
     return best._replace(runs=len(pilots), work=round(pilots.work))
+
+
+def thrifty(
+    pilots: Pilots, tried: list[tuple[Way, float]], best: Refined, accuracy: float, given: int
+) -> Refined:
+    """The least work among runs of the same line, on coarser meshes and at looser tolerances, that differ from `best` by
+    no more than what its estimated error leaves of `accuracy`; `best` where there is none.
+
+    Estimates are on the safe side, most of all where contact makes the errors of coarse meshes uneven; the run that they
+    led to is the best judge of cheaper ones.
+    """
+    judge, room, fine, pages = best.response, accuracy - best.error, best.segments, []
+    for way, knob in tried:
+        if way.model != best.way.model:
+            continue
+        first = first_of(way, given)
+        knobs = {knob, *((way.knob, way.knob / way.factor) if way.tune else ())}
+        pages += [(work(way, pilots(way, first, x)) / (first + 1), way, x) for x in knobs if x >= knob]
+    for each, way, knob in sorted(pages, key=lambda page: page[0]):
+        for ratio in COARSER:
+            mesh = math.ceil(fine / ratio)
+            if not LEAST <= mesh or each * (mesh + 1) > GAIN * work(best.way, best.response):
+                break
+            run = pilots(way, mesh, knob)
+            if run.status != Status.OK or work(way, run) > GAIN * work(best.way, best.response):
+                break
+            apart = gap(run, judge)
+            if apart <= room:
+                error = accuracy - room + apart
+                best = best._replace(way=way, segments=mesh, knob=knob, response=run, error=error)
+                break
+    return best
 
 
 def first_of(way: Way, given: int) -> int:
@@ -239,7 +282,7 @@ def first_of(way: Way, given: int) -> int:
 
 def wanted_in_space(way: Way, accuracy: float, late: float) -> float:
     """What the line's kinematics and time stepping leave to the mesh."""
-    return max(accuracy - late - way.given, SHARE * accuracy)
+    return max(accuracy - late - way.given, LEFT * accuracy)
 
 
 def in_space(pilots: Pilots, way: Way, first: int, knob: float, wanted: float) -> tuple[int, float]:

@@ -43,8 +43,11 @@ def found_by_pilots(study: Study) -> dict[str, Any]:
     if len(lines) > 1 and study.ask.model == "auto":  # one line for all: the one that can do most
         model = max(lines, key=lambda name: (MODELS[name].features.value.bit_count(), name))
         return found_by_pilots(replace(study, ask=replace(study.ask, model=model)))
-    found: dict[str, Any] = {"segments": max(run.segments for run in runs.values()), "model": lines.pop()}
     methods = {run.method for run in runs.values()}
+    if len(methods) > 1 and study.ask.duration > 0 and study.ask.method == "auto" and "harmonic" not in methods:
+        dearest = max(runs.values(), key=lambda run: run.cost.evaluations * run.segments)
+        return found_by_pilots(replace(study, ask=replace(study.ask, method=dearest.method)))
+    found: dict[str, Any] = {"segments": max(run.segments for run in runs.values()), "model": lines.pop()}
     tolerances = [run.tolerance for run in runs.values() if math.isfinite(run.tolerance)]
     if len(methods) == 1 and "harmonic" not in methods:  # harmonic balance keeps its way back to the time domain
         found["method"] = methods.pop()

@@ -67,11 +67,13 @@ def test_pilots_meet_the_accuracy_without_waste(accuracy: float, order: float) -
 
 
 def test_tolerance_that_costs_accuracy_is_made_finer() -> None:
-    """An error of half the tolerance may take a quarter of the accuracy: four fifths of that are aimed at."""
+    """An error of half the tolerance may take a third of the accuracy, by the orders of line and method: four fifths of
+    that are aimed at."""
     made = Made(late=0.5)
     found = pilot.refine(made, [way()], 1e-3, 10)
-    assert found.knob == pytest.approx(4e-4, rel=0.1)  # the motion's rms is not quite that of its shape
-    assert found.late == pytest.approx(2e-4, rel=0.1)
+    due = 0.8 * 1e-3 / 3
+    assert found.knob == pytest.approx(due / 0.5, rel=0.1)  # the motion's rms is not quite that of its shape
+    assert found.late == pytest.approx(due, rel=0.1)
     assert made.error(found.way, found.segments, found.knob) <= 1e-3
 
 
@@ -85,6 +87,23 @@ def test_tolerance_between_decades_that_errs_more_than_expected_is_not_taken() -
 
     found = pilot.refine(attempt, [way()], 1e-3, 10)
     assert found.knob == pytest.approx(1e-4)
+
+
+def test_chosen_run_judges_cheaper_ones() -> None:
+    """Contact makes the ledger of a loose tolerance open on coarse meshes alone, and the error of one mesh large: the
+    way there went by a finer tolerance and a finer mesh than need be."""
+    made = Made(late=0.1)
+
+    def attempt(line: pilot.Way, segments: int, knob: float) -> Response:
+        error = made.error(line, segments, knob) * (3.0 if segments == 20 else 1.0)
+        run = replace(made(line, segments, knob), signals=run_of(segments, error, 100).signals)
+        run = replace(run, cost=run.cost._replace(evaluations=round(run.cost.evaluations * knob**-0.25)))
+        return replace(run, status=Status.ENERGY_OPEN if knob > 9e-4 and segments <= 40 else Status.OK)
+
+    judged = pilot.refine(attempt, [way()], 1e-2, 10)
+    assert judged.response.status == Status.OK
+    assert judged.knob == 1e-2  # of which 1e-3 is time's error
+    assert made.error(judged.way, judged.segments, judged.knob) <= judged.error <= 1e-2
 
 
 def test_open_ledger_makes_the_tolerance_finer() -> None:
