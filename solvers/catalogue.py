@@ -34,9 +34,9 @@ UNGUIDED = 60  # segments where no excitation sets a wave length
 FIRST = 20  # most segments of the first pilot
 EQUALS = ("hermite", "transverse")  # lines that pilots try beside the lumped one
 LOOSE = 100.0  # times its default: the first tolerance of an adaptive method that pilots tune
-SURE = 0.5  # of the accuracy asked: an error in time estimated below is not looked at again
+SURE, SURER = 0.5, 0.1  # of the accuracy asked: an error in time estimated below, by a step, a tolerance, is enough
 USUAL = 0.05  # accuracy that default tolerances are made for
-FEWER = 0.8  # of a run's steps: what a coarser one must do with to tell its error
+FEWER = 0.8  # of a run's steps: with more, another one does not tell its error
 
 
 class Line(NamedTuple):
@@ -526,27 +526,28 @@ def leaving(model: Any, static: np.ndarray) -> str:
 
 
 def trials_of(ask: Ask, name: str, n_gaps: int, own: float = 0.0) -> list[tuple[Ask, float]]:
-    """Runs that tell the error in time of a run, each with that error over its difference; none where it is known to be
-    small: a step up to the mesh's `own`, and an adaptive method at its default tolerance, or below it by the power 3/2
-    of what is asked below the usual accuracy. (After impacts only statistics are promised.)"""
+    """Runs that tell the error in time of a run, each with the share of `accuracy` up to which its word is enough; none
+    where that error is known to be small: a step up to the mesh's `own`, and a tolerance up to `checked_tolerance`, the
+    default one, or below it by the power 3/2 of what is asked below the usual accuracy. (After impacts only statistics
+    are promised.) The last is finer; one before it is coarser and cheap, and may miss what no coarser run sees."""
     most = 10 * ask.max_steps
     if METHODS[name].adaptive:
         used, known = tolerance_of(name, ask), METHODS[name].tolerance
         if n_gaps == 0:
             known *= min(1.0, ask.accuracy / USUAL) ** 1.5
         blind = n_gaps > 0 and name not in RUNGE_KUTTA
-        if not blind and used <= known * (1 + 1e-9):
+        if not blind and used <= max(known, ask.checked_tolerance or 0.0) * (1 + 1e-9):
             return []
-        finer = (replace(ask, tolerance=used / 10, max_steps=most), 4 / 3)
+        finer = (replace(ask, tolerance=used / 10, max_steps=most), SURE)
         if n_gaps > 0 or name in RUNGE_KUTTA or 10 * used >= 1:  # explicit steps are those of stability
             return [finer]
-        return [(replace(ask, tolerance=10 * used, max_steps=most), 1 / 2), finer]
+        return [(replace(ask, tolerance=10 * used), SURER), finer]
     if ask.step is None or ask.step <= own:
         return []
-    finer = (replace(ask, step=ask.step / 2, max_steps=most), 4 / 3)
+    finer = (replace(ask, step=ask.step / 2, max_steps=most), SURE)
     if n_gaps > 0:  # a longer step may miss the same impacts
         return [finer]
-    return [(replace(ask, step=2 * ask.step, max_steps=most), 1 / 3), finer]
+    return [(replace(ask, step=2 * ask.step), SURE), finer]
 
 
 STILL = 1e-10  # of the largest coordinate: a displacement that is rounding
@@ -574,22 +575,24 @@ def checked(
 ) -> Response:
     """A run with its error in time measured, where nothing else says whether its step or tolerance was fine enough.
 
-    That of a fixed step: against a run at twice the step, whose error is four times as large; where that fails, or is
-    too far off to tell, one at half the step decides. (Second order is taken for granted, also of rk4: where a force
-    has a kink no more is left.) That of an adaptive method looser than is known to do, or blind for impacts: against
-    ten times the tolerance, whose error is at least three times as large, and a tenth, of which the error goes at least
-    with the power 2/3. Seconds are in `cost.checking`.
+    Against a coarser run, whose error is taken to be as many times as large as the square of the steps that it saves
+    says (no more is left of any order where a force has a kink); where that fails, saves too few, or is too far off to
+    tell, one at half the step, or a tenth of the tolerance, decides: a quarter of its error is left at most. Seconds
+    are in `cost.checking`.
     """
     if response.status != Status.OK or len(response.t) < 2 or not trials or motionless(response):
         return response
     begun, error = time.perf_counter(), math.inf
-    for asked, factor in trials:
-        other = again(asked)
-        if factor < 1 and other.cost.steps > FEWER * response.cost.steps:
-            continue
-        found = apart(other, response) * factor
+    for asked, enough in trials:
+        other, share = again(asked), 4 / 3
+        if asked is not trials[-1][0]:
+            saved = other.cost.steps / response.cost.steps
+            if not saved <= FEWER:
+                continue
+            share = saved**2 / (1 - saved**2)
+        found = apart(other, response) * share
         error = found if math.isfinite(found) else error
-        if error <= SURE * ask.accuracy:
+        if error <= enough * ask.accuracy:
             break
     cost = response.cost._replace(checking=time.perf_counter() - begun)
     response = replace(response, cost=cost)

@@ -60,6 +60,7 @@ class Ask:
     segments: int | None = None  # N, over the whole cable
     accuracy: float = 0.05  # wanted relative error of the transverse response; chooses `segments` when None
     tolerance: float | None = None  # local error of an adaptive method, in the energy norm
+    checked_tolerance: float | None = None  # known to do for `accuracy` (pilots say it): no finer run checks it again
     step: float | None = None  # of a fixed-step method [s]
     rho: float = 0.8  # generalised-alpha: spectral radius at infinity
     interval: float = 1e-3  # of the output grid [s]
@@ -85,6 +86,8 @@ class Ask:
             ("segments", self.segments, self.segments is None or 1 <= self.segments <= 100_000, "must be 1 to 100000"),
             ("accuracy", self.accuracy, 0 < self.accuracy < 1, "must lie between 0 and 1"),
             ("tolerance", self.tolerance, self.tolerance is None or 0 < self.tolerance < 1, "must lie between 0 and 1"),
+            ("checked_tolerance", self.checked_tolerance,
+             self.checked_tolerance is None or 0 < self.checked_tolerance < 1, "must lie between 0 and 1"),
             ("step", self.step, self.step is None or 0 < self.step < math.inf, "must be above 0 [s]"),
             ("rho", self.rho, 0 <= self.rho <= 1, "must be 0 to 1"),
             ("rho_space", self.rho_space, 0 <= self.rho_space <= 1, "must be 0 to 1"),

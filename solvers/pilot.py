@@ -25,6 +25,7 @@ LEAST = 8  # segments
 GUARDED = 3  # finer meshes, by 1.4 each, that are tried where one is right but the line's guards call it UNRESOLVED
 COARSER = (1.6, 1.35, 1.15, 1.0)  # by which meshes are coarser that the chosen run judges
 GAIN = 0.8  # of the chosen run's work: what those may take
+JUDGE, FINER = 0.4, 1.5  # of the accuracy asked: where its error is above, a mesh as many times as fine judges them
 STAGES = 6  # evaluations in an explicit step
 FINEST, MOST_WORK = 20_000, 1e10  # segments, and counted operations of all pilots (minutes)
 TIGHTEST = 1e-10  # tolerance
@@ -106,6 +107,7 @@ class Refined(NamedTuple):
     response: Response  # of that way, mesh and knob
     error: float  # estimated, of the response; NaN where waveforms do not converge
     late: float  # its part from time stepping
+    order: float  # seen, of the mesh
     runs: int  # pilots, the last one included
     work: int  # counted, of all of them
     chaotic: bool
@@ -218,10 +220,10 @@ def refine(attempt: Attempt, ways: list[Way], accuracy: float, first: int) -> Re
         way = ways[0]
         first = first_of(way, given)
         run = pilots(way, first, way.knob)
-        return Refined(way, first, way.knob, run, math.nan, math.inf, len(pilots), round(pilots.work), True)
+        return Refined(way, first, way.knob, run, math.nan, math.inf, way.order, len(pilots), round(pilots.work), True)
     found = []
     for _, way, knob, late in sorted(offers, key=lambda offer: offer[0]):
-        fine, error = in_space(pilots, way, first_of(way, given), knob, wanted_in_space(way, accuracy, late))
+        fine, error, p = in_space(pilots, way, first_of(way, given), knob, wanted_in_space(way, accuracy, late))
         run = pilots(way, fine, knob)
         for k in range(1, GUARDED + 1):  # a layer at a clamp, a short wave
             finer = math.ceil(fine * 1.4**k)
@@ -234,7 +236,7 @@ def refine(attempt: Attempt, ways: list[Way], accuracy: float, first: int) -> Re
             knob /= way.factor  # finer meshes ring more
             run = pilots(way, fine, knob)
         total = error + late + way.given
-        found.append(Refined(way, fine, knob, run, total, late, len(pilots), round(pilots.work), False))
+        found.append(Refined(way, fine, knob, run, total, late, p, len(pilots), round(pilots.work), False))
         if run.status == Status.OK:
             break
     best = next((one for one in found if one.response.status in ENDED), found[0])
@@ -246,31 +248,44 @@ def refine(attempt: Attempt, ways: list[Way], accuracy: float, first: int) -> Re
 def thrifty(
     pilots: Pilots, tried: list[tuple[Way, float]], best: Refined, accuracy: float, given: int
 ) -> Refined:
-    """The least work among runs of the same line, on coarser meshes and at looser tolerances, that differ from `best` by
-    no more than what its estimated error leaves of `accuracy`; `best` where there is none.
+    """The least work among runs of the same line, on coarser meshes and at looser tolerances, that differ from a finer
+    run, the judge, by no more than what its estimated error leaves of `accuracy`; `best` where there is none.
 
-    Estimates are on the safe side, most of all where contact makes the errors of coarse meshes uneven; the run that they
-    led to is the best judge of cheaper ones.
+    Estimates are on the safe side, most of all where contact makes the errors of coarse meshes uneven; beside a run
+    that is better than need be cheaper ones need no estimate.
     """
-    judge, room, fine, pages = best.response, accuracy - best.error, best.segments, []
+    most, pages = GAIN * work(best.way, best.response), []
     for way, knob in tried:
         if way.model != best.way.model:
             continue
         first = first_of(way, given)
         knobs = {knob, *((way.knob, way.knob / way.factor) if way.tune else ())}
         pages += [(work(way, pilots(way, first, x)) / (first + 1), way, x) for x in knobs if x >= knob]
+    pages = [page for page in pages if page[0] * (best.segments / COARSER[0] + 1) <= most]
+    if not pages:
+        return best
+    judge, error = best.response, best.error
+    finer = math.ceil(FINER * best.segments)
+    if error > JUDGE * accuracy and finer <= FINEST:
+        other = pilots(best.way, finer, best.knob)
+        if other.status == Status.OK:
+            less = (finer / best.segments) ** best.order
+            space = error - best.late - best.way.given
+            left = max(SAFETY * gap(best.response, other) / (less - 1), 0.5 * space / less)  # two may agree by accident
+            judge, error = other, error - space + left
+    room = accuracy - error
     for each, way, knob in sorted(pages, key=lambda page: page[0]):
         for ratio in COARSER:
-            mesh = math.ceil(fine / ratio)
-            if not LEAST <= mesh or each * (mesh + 1) > GAIN * work(best.way, best.response):
+            mesh = math.ceil(best.segments / ratio)
+            if mesh < LEAST or each * (mesh + 1) > most:
                 break
             run = pilots(way, mesh, knob)
-            if run.status != Status.OK or work(way, run) > GAIN * work(best.way, best.response):
+            if run.status != Status.OK or work(way, run) > most:
                 break
             apart = gap(run, judge)
             if apart <= room:
-                error = accuracy - room + apart
-                best = best._replace(way=way, segments=mesh, knob=knob, response=run, error=error)
+                most = GAIN * work(way, run)
+                best = best._replace(way=way, segments=mesh, knob=knob, response=run, error=error + apart)
                 break
     return best
 
@@ -285,8 +300,8 @@ def wanted_in_space(way: Way, accuracy: float, late: float) -> float:
     return max(accuracy - late - way.given, LEFT * accuracy)
 
 
-def in_space(pilots: Pilots, way: Way, first: int, knob: float, wanted: float) -> tuple[int, float]:
-    """The coarsest mesh whose estimated error is at most `wanted`, and that error."""
+def in_space(pilots: Pilots, way: Way, first: int, knob: float, wanted: float) -> tuple[int, float, float]:
+    """The coarsest mesh whose estimated error is at most `wanted`, that error, and the order seen."""
     meshes, apart, p = [first, 2 * first], [gap(pilots(way, first, knob), pilots(way, 2 * first, knob))], way.order
     while True:
         coarse, fine = meshes[-2:]
@@ -308,8 +323,8 @@ def in_space(pilots: Pilots, way: Way, first: int, knob: float, wanted: float) -
     if LEAST <= coarser <= 0.75 * fine:  # finer than need be
         between = SAFETY * gap(pilots(way, coarser, knob), pilots(way, fine, knob)) + error
         if between <= wanted:
-            return coarser, between
-    return fine, error
+            return coarser, between, p
+    return fine, error, p
 
 
 def order_seen(meshes: list[int], apart: list[float], order: float) -> float:

@@ -1,7 +1,8 @@
 """What a study leaves to pilots (mesh, tolerance, line and method) settled once for all its points.
 
 Pilots of single points would cost more than the points. The first design and those with every variable at its least
-and at its greatest are piloted; the finest mesh and the tightest tolerance count for all.
+and at its greatest are piloted; the finest mesh and the tightest tolerance count for all, and neither is checked again
+at each point.
 """
 
 from __future__ import annotations
@@ -52,7 +53,7 @@ def found_by_pilots(study: Study) -> dict[str, Any]:
     if len(methods) == 1 and "harmonic" not in methods:  # harmonic balance keeps its way back to the time domain
         found["method"] = methods.pop()
         if tolerances and study.ask.duration > 0:
-            found["tolerance"] = min(tolerances)
+            found["tolerance"] = found["checked_tolerance"] = min(tolerances)
     found["because"] = {label: f"{run.status.name}: {run.reason}" for label, run in runs.items()}
     return found
 

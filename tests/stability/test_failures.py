@@ -14,6 +14,7 @@ import pytest
 
 from solvers import (
     BNES,
+    METHODS,
     Ask,
     CannotRepresent,
     CubicNES,
@@ -27,6 +28,7 @@ from solvers import (
     Status,
     Water,
     Window,
+    pilot,
     response_curve,
     solve,
 )
@@ -412,6 +414,27 @@ def test_a_closed_ledger_is_not_a_right_waveform(rho: float) -> None:
     works(good)
     assert error(good) < ask.accuracy
     assert good.cost.checking > 0
+
+
+@pytest.mark.parametrize(("method", "true"), [("trbdf2", 0.018), ("esdirk4", 0.0105)])
+def test_a_default_tolerance_is_checked_for_what_is_asked_below_five_percent(method: str, true: float) -> None:
+    """What a minute of swinging makes of a default tolerance is enough for 5 %; asked for less, a finer run tells."""
+    scene, ask = swinging()
+    exact = solve(scene, replace(ask, method="explicit", tolerance=1e-7))
+    usual = solve(scene, replace(ask, method=method))
+    works(usual)
+    assert usual.cost.checking == 0
+    assert pilot.gap(usual, exact) == pytest.approx(true, rel=0.05)
+    works(solve(scene, replace(ask, method=method, accuracy=2 * true)))
+    asked = replace(ask, method=method, accuracy=0.5 * true)
+    bad = solve(scene, asked)
+    fails(bad, Status.COARSE_STEP)
+    assert bad.energy_residual < 1e-3
+    assert bad.estimated_error == pytest.approx(true, rel=0.3)
+    finer = solve(scene, replace(asked, tolerance=METHODS[method].tolerance / 10))
+    works(finer)
+    assert pilot.gap(finer, exact) < 0.5 * true
+    assert solve(scene, replace(asked, checked_tolerance=1e-3)).status == Status.OK  # who says so is believed
 
 
 def test_a_loose_tolerance_with_impacts() -> None:

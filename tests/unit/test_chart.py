@@ -14,7 +14,7 @@ import xarray as xr
 import yaml
 from rich.console import Console
 
-from solvers import Ask, End, Harmonic, Motion, Scene, Section, Window, solve
+from solvers import METHODS, Ask, Cost, End, Harmonic, Motion, Response, Scene, Section, Status, Window, solve
 from sweep import chart, peers, report, resolve
 from sweep.chart_plot import save_chart
 from sweep.config import ConfigError, MetricSettings, parse_study
@@ -182,6 +182,41 @@ def test_the_mesh_of_a_study_is_settled_once(tmp_path: Path, monkeypatch: pytest
     assert json.loads((tmp_path / resolve.FILE).read_text())["ask"]["segments"] == 33
     assert parse_study(yaml.safe_load(settled.text)).ask == settled.ask
     assert resolve.resolve(settled, tmp_path) == (settled, {})
+
+
+def test_points_of_a_study_do_not_check_again_what_its_pilots_did() -> None:
+    """Pilots loosen the tolerance for the accuracy asked; by itself such a run is compared with a finer one."""
+    raw = {
+        "name": "open", "scene": dump(STRING), "ask": {"duration": 1.0, "accuracy": 0.01},
+        "metrics": {"baseline": "plain"}, "objectives": ["rms"],
+    }  # fmt: skip
+    ask = resolve.resolve(parse_study(raw))[0].ask
+    assert ask.tolerance == ask.checked_tolerance > METHODS[ask.method].tolerance
+    assert solve(STRING, ask).cost.checking == 0.0
+    assert solve(STRING, replace(ask, checked_tolerance=None)).cost.checking > 0.0
+
+
+def test_extremes_that_want_different_methods_get_that_of_the_dearest(monkeypatch: pytest.MonkeyPatch) -> None:
+    raw = {
+        "name": "open", "scene": dump(STRING), "ask": {"duration": 1.0}, "metrics": {"baseline": "plain"},
+        "objectives": ["rms"], "variables": {"mass": {"field": "cable[0].mass", "linear": [1.0, 2.0]}},
+        "sampler": {"kind": "sobol", "n": 2, "seed": 0},
+    }  # fmt: skip
+    asked = []
+
+    def made(scene: Scene, ask: Ask) -> Response:
+        heavy = scene.cable[0].mass > 1.5
+        method = ask.method if ask.method != "auto" else "trbdf2" if heavy else "esdirk4"
+        asked.append(ask.method)
+        cost = Cost(evaluations=200 if heavy else 100)
+        return Response(
+            status=Status.OK, model="lumped", method=method, segments=40 if heavy else 30, tolerance=1e-4, cost=cost
+        )
+
+    monkeypatch.setattr(resolve, "solve", made)
+    found = resolve.found_by_pilots(parse_study(raw))
+    assert (found["method"], found["segments"], found["checked_tolerance"]) == ("trbdf2", 40, 1e-4)
+    assert set(asked) == {"auto", "trbdf2"}
 
 
 @pytest.mark.parametrize(("segments", "said"), [(10, True), (80, False)])
