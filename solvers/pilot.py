@@ -98,6 +98,15 @@ class Way(NamedTuple):
 Attempt = Callable[[Way, int, float], Response]  # (way, segments, knob)
 
 
+class Offer(NamedTuple):
+    """What a way would cost on the mesh that it seems to need."""
+
+    work: float
+    way: Way
+    knob: float
+    late: float  # estimated error in time
+
+
 class Refined(NamedTuple):
     """What pilots found."""
 
@@ -202,12 +211,12 @@ def refine(attempt: Attempt, ways: list[Way], accuracy: float, first: int) -> Re
     first : segments of the first pilot, of a line of order 2
     """
     pilots = Pilots(attempt)
-    offers: list[tuple[float, Way, float, float]] = []
+    offers: list[Offer] = []
     given = first
     for way in sorted(ways, key=lambda way: way.least_steps(given)):
         first = first_of(way, given)
         floor = way.price * STAGES * way.least_steps(first) * (first + 1)
-        if offers and floor > 5 * min(offer[0] for offer in offers):
+        if offers and floor > 5 * min(offer.work for offer in offers):
             continue  # too dear to try
         knob, late = in_time(pilots, way, first, share_of(way) * accuracy)
         if not late <= CHAOTIC:
@@ -215,14 +224,14 @@ def refine(attempt: Attempt, ways: list[Way], accuracy: float, first: int) -> Re
         apart = gap(pilots(way, first, knob), pilots(way, 2 * first, knob))
         error = SAFETY * apart * 2**way.order / (2**way.order - 1)
         mesh = first * min(100.0, (error / wanted_in_space(way, accuracy, late)) ** (1 / way.order))
-        offers.append((projected(pilots, way, first, knob, mesh), way, knob, late))
+        offers.append(Offer(projected(pilots, way, first, knob, mesh), way, knob, late))
     if not offers:
         way = ways[0]
         first = first_of(way, given)
         run = pilots(way, first, way.knob)
         return Refined(way, first, way.knob, run, math.nan, math.inf, way.order, len(pilots), round(pilots.work), True)
     found = []
-    for _, way, knob, late in sorted(offers, key=lambda offer: offer[0]):
+    for _, way, knob, late in sorted(offers, key=lambda offer: offer.work):
         fine, error, p = in_space(pilots, way, first_of(way, given), knob, wanted_in_space(way, accuracy, late))
         run = pilots(way, fine, knob)
         for k in range(1, GUARDED + 1):  # a layer at a clamp, a short wave
@@ -241,51 +250,76 @@ def refine(attempt: Attempt, ways: list[Way], accuracy: float, first: int) -> Re
             break
     best = next((one for one in found if one.response.status in ENDED), found[0])
     if best.response.status == Status.OK and best.error < accuracy:
-        best = thrifty(pilots, [(way, knob) for _, way, knob, _ in offers], best, accuracy, given)
+        best = thrifty(pilots, offers, best, accuracy, given)
     return best._replace(runs=len(pilots), work=round(pilots.work))
 
 
-def thrifty(
-    pilots: Pilots, tried: list[tuple[Way, float]], best: Refined, accuracy: float, given: int
-) -> Refined:
+class Page(NamedTuple):
+    """What a cheaper run might be: a way at a knob, beside the chosen one's."""
+
+    each: float  # work per node, on the first pilot's mesh
+    way: Way
+    knob: float
+    late: float  # estimated error in time
+
+
+def pages_of(pilots: Pilots, offers: list[Offer], best: Refined, given: int) -> list[Page]:
+    """Ways of the chosen line at the tolerances that pilots tried, from the cheapest on; what they cost on a coarse
+    mesh must leave hope."""
+    found = []
+    for offer in (offer for offer in offers if offer.way.model == best.way.model):
+        way, first = offer.way, first_of(offer.way, given)
+        for knob in {offer.knob, *((way.knob, way.knob / way.factor) if way.tune else ())}:
+            each = work(way, pilots(way, first, knob)) / (first + 1)
+            if not knob >= offer.knob or each * best.segments / COARSER[0] > GAIN * work(best.way, best.response):
+                continue
+            late = offer.late
+            if knob > offer.knob:
+                finer = pilots(way, first, knob / way.factor)
+                late = gap(pilots(way, first, knob), finer) / (1 - 1 / way.factor)
+            found.append(Page(each, way, knob, late))
+    return sorted(found, key=lambda page: page.each)
+
+
+def judged(pilots: Pilots, best: Refined, accuracy: float) -> tuple[Response, float]:
+    """The run beside which cheaper ones are held, and its estimated error: the chosen one, or one on a finer mesh."""
+    finer = math.ceil(FINER * best.segments)
+    if best.error <= JUDGE * accuracy or finer > FINEST:
+        return best.response, best.error
+    judge = pilots(best.way, finer, best.knob)
+    if judge.status != Status.OK:
+        return best.response, best.error
+    less = (finer / best.segments) ** best.order
+    rest = best.late + best.way.given
+    told = SAFETY * gap(best.response, judge) / (less - 1)
+    return judge, rest + max(told, 0.5 * (best.error - rest) / less)  # two meshes may agree by accident
+
+
+def thrifty(pilots: Pilots, offers: list[Offer], best: Refined, accuracy: float, given: int) -> Refined:
     """The least work among runs of the same line, on coarser meshes and at looser tolerances, that differ from a finer
-    run, the judge, by no more than what its estimated error leaves of `accuracy`; `best` where there is none.
+    run by no more than what its estimated error leaves of `accuracy`; `best` where there is none.
 
     Estimates are on the safe side, most of all where contact makes the errors of coarse meshes uneven; beside a run
     that is better than need be cheaper ones need no estimate.
     """
-    most, pages = GAIN * work(best.way, best.response), []
-    for way, knob in tried:
-        if way.model != best.way.model:
-            continue
-        first = first_of(way, given)
-        knobs = {knob, *((way.knob, way.knob / way.factor) if way.tune else ())}
-        pages += [(work(way, pilots(way, first, x)) / (first + 1), way, x) for x in knobs if x >= knob]
-    pages = [page for page in pages if page[0] * (best.segments / COARSER[0] + 1) <= most]
+    pages = pages_of(pilots, offers, best, given)
     if not pages:
         return best
-    judge, error = best.response, best.error
-    finer = math.ceil(FINER * best.segments)
-    if error > JUDGE * accuracy and finer <= FINEST:
-        other = pilots(best.way, finer, best.knob)
-        if other.status == Status.OK:
-            less = (finer / best.segments) ** best.order
-            space = error - best.late - best.way.given
-            left = max(SAFETY * gap(best.response, other) / (less - 1), 0.5 * space / less)  # two may agree by accident
-            judge, error = other, error - space + left
-    room = accuracy - error
-    for each, way, knob in sorted(pages, key=lambda page: page[0]):
+    most, widest = GAIN * work(best.way, best.response), best.segments
+    judge, error = judged(pilots, best, accuracy)
+    for page in (page for page in pages if page.late <= accuracy - error):
         for ratio in COARSER:
-            mesh = math.ceil(best.segments / ratio)
-            if mesh < LEAST or each * (mesh + 1) > most:
+            mesh = math.ceil(widest / ratio)
+            if mesh < LEAST or page.each * (mesh + 1) > most:
                 break
-            run = pilots(way, mesh, knob)
-            if run.status != Status.OK or work(way, run) > most:
+            run = pilots(page.way, mesh, page.knob)
+            if run.status != Status.OK or work(page.way, run) > most:
                 break
             apart = gap(run, judge)
-            if apart <= room:
-                most = GAIN * work(way, run)
-                best = best._replace(way=way, segments=mesh, knob=knob, response=run, error=error + apart)
+            if apart <= accuracy - error:
+                most = GAIN * work(page.way, run)
+                best = best._replace(
+                    way=page.way, segments=mesh, knob=page.knob, response=run, error=error + apart, late=page.late)
                 break
     return best
 

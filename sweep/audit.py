@@ -125,7 +125,7 @@ def costlier(scene: Scene, ask: Ask, row: dict[str, Any], wanted: Wanted) -> Ask
     tight = default if default is None or math.isnan(tolerance) or method != row["method"] else min(default, tolerance)
     return replace(
         ask, model=model, method=method, segments=wanted.segments or (LOWER_ORDER if falls else 1) * n,
-        tolerance=tight, step=None if default is not None else ask.step, harmonics=None,
+        tolerance=tight, checked_tolerance=None, step=None if default is not None else ask.step, harmonics=None,
         rods=None if model == "rod" else ask.rods,
     )  # fmt: skip
 

@@ -53,7 +53,9 @@ def found_by_pilots(study: Study) -> dict[str, Any]:
     if len(methods) == 1 and "harmonic" not in methods:  # harmonic balance keeps its way back to the time domain
         found["method"] = methods.pop()
         if tolerances and study.ask.duration > 0:
-            found["tolerance"] = found["checked_tolerance"] = min(tolerances)
+            found["tolerance"] = min(tolerances)
+            if all(run.trusted for run in runs.values()):
+                found["checked_tolerance"] = found["tolerance"]
     found["because"] = {label: f"{run.status.name}: {run.reason}" for label, run in runs.items()}
     return found
 

@@ -196,6 +196,17 @@ def test_points_of_a_study_do_not_check_again_what_its_pilots_did() -> None:
     assert solve(STRING, replace(ask, checked_tolerance=None)).cost.checking > 0.0
 
 
+def test_a_tolerance_that_pilots_found_too_loose_goes_on_being_checked() -> None:
+    raw = {
+        "name": "open", "scene": dump(STRING), "metrics": {"baseline": "plain"}, "objectives": ["rms"],
+        "ask": {"duration": 4.0, "method": "trbdf2", "tolerance": 1e-2, "accuracy": 0.01},
+    }  # fmt: skip
+    ask = resolve.resolve(parse_study(raw))[0].ask
+    assert ask.tolerance == 1e-2
+    assert ask.checked_tolerance is None
+    assert not solve(STRING, ask).trusted
+
+
 def test_extremes_that_want_different_methods_get_that_of_the_dearest(monkeypatch: pytest.MonkeyPatch) -> None:
     raw = {
         "name": "open", "scene": dump(STRING), "ask": {"duration": 1.0}, "metrics": {"baseline": "plain"},
