@@ -33,10 +33,11 @@ SWING_TAUT = 1.0  # and times the largest |eigenvalue| of a device while its cor
 UNGUIDED = 60  # segments where no excitation sets a wave length
 FIRST = 20  # most segments of the first pilot
 EQUALS = ("hermite", "transverse")  # lines that pilots try beside the lumped one
-LOOSE = 100.0  # times its default: the first tolerance of an adaptive method that pilots tune
-SURE, SURER = 0.5, 0.1  # of the accuracy asked: an error in time estimated below, by a step, a tolerance, is enough
+LOOSE, STABLE = 100.0, 10.0  # times its default: the first tolerance that pilots try, that of an explicit method
+SURE, SURER = 0.5, 0.1  # of the accuracy asked: what an error in time may be that a coarser step, tolerance tells
 USUAL = 0.05  # accuracy that default tolerances are made for
-FEWER = 0.8  # of a run's steps: with more, another one does not tell its error
+FEWER = 0.8  # of a run's steps: with more, a coarser one does not tell its error
+CAPPED = 1.5  # times the steps that the longest one makes: a run of no more has not been controlled by its error
 
 
 class Line(NamedTuple):
@@ -384,7 +385,8 @@ def ways(scene: sc.Scene, ask: Ask, choice: Choice) -> list[pilot.Way]:
             elif method.own_step and ask.step is None:
                 knob, tune = 1.0, False  # share of the mesh's step
             elif method.adaptive:
-                knob, tune = (ask.tolerance, False) if ask.tolerance else (LOOSE * method.tolerance, True)
+                loose = (STABLE if name in RUNGE_KUTTA else LOOSE) * method.tolerance
+                knob, tune = (ask.tolerance, False) if ask.tolerance else (loose, True)
             else:
                 knob, tune = float(ask.step or 0.0), False
             found.append(pilot.Way(
@@ -513,7 +515,8 @@ def run(scene: sc.Scene, ask: Ask, choice: Choice, check: bool = True) -> Respon
     if not check:
         return response
     own = own_step(model, ask, model.fastest(static)) if METHODS[choice.method].own_step else 0.0
-    trials = trials_of(ask, choice.method, model.n_gaps, own)
+    capped = response.cost.steps * longest_step(model, ask, choice.method) <= CAPPED * ask.duration
+    trials = trials_of(ask, choice.method, model.n_gaps, own, capped)
     return checked(response, ask, lambda other: march(model, other, choice, static, q, v, dict(common), joints), trials)
 
 
@@ -525,23 +528,28 @@ def leaving(model: Any, static: np.ndarray) -> str:
     return f"unstable equilibrium: a small disturbance grows e-fold in {1 / rate:.3g} s" if rate > 0 else ""
 
 
-def trials_of(ask: Ask, name: str, n_gaps: int, own: float = 0.0) -> list[tuple[Ask, float]]:
-    """Runs that tell the error in time of a run, each with the share of `accuracy` up to which its word is enough; none
-    where that error is known to be small: a step up to the mesh's `own`, and a tolerance up to `checked_tolerance`, the
-    default one, or below it by the power 3/2 of what is asked below the usual accuracy. (After impacts only statistics
-    are promised.) The last is finer; one before it is coarser and cheap, and may miss what no coarser run sees."""
+def trials_of(ask: Ask, name: str, n_gaps: int, own: float = 0.0, capped: bool = False) -> list[tuple[Ask, float]]:
+    """Runs that tell the error in time of a run, each with the share of `accuracy` up to which its word is enough.
+
+    None where that error is known to be small: at a step up to the mesh's `own`; of an explicit method with error
+    control, whose steps are those of stability, up to its default tolerance; of an implicit one that the longest step
+    has not `capped`, up to its default, less by the power 3/2 of what is asked below the usual accuracy. After impacts
+    only statistics are promised. The last run is finer. One before it is coarser and cheap, but cannot see what takes
+    finer steps to be seen; up to `checked_tolerance` pilots have seen to that.
+    """
     most = 10 * ask.max_steps
     if METHODS[name].adaptive:
         used, known = tolerance_of(name, ask), METHODS[name].tolerance
-        if n_gaps == 0:
-            known *= min(1.0, ask.accuracy / USUAL) ** 1.5
-        blind = n_gaps > 0 and name not in RUNGE_KUTTA
-        if not blind and used <= max(known, ask.checked_tolerance or 0.0) * (1 + 1e-9):
+        explicit = name in RUNGE_KUTTA
+        if n_gaps == 0 and not explicit:
+            known *= 0.0 if capped else min(1.0, ask.accuracy / USUAL) ** 1.5
+        if used <= known * (1 + 1e-9) and (n_gaps == 0 or explicit):
             return []
         finer = (replace(ask, tolerance=used / 10, max_steps=most), SURE)
-        if n_gaps > 0 or name in RUNGE_KUTTA or 10 * used >= 1:  # explicit steps are those of stability
+        if n_gaps > 0 or explicit or 10 * used >= 1:
             return [finer]
-        return [(replace(ask, tolerance=10 * used), SURER), finer]
+        vouched = used <= (ask.checked_tolerance or 0.0) * (1 + 1e-9)
+        return [(replace(ask, tolerance=10 * used), 1.0 if vouched else SURER), finer]
     if ask.step is None or ask.step <= own:
         return []
     finer = (replace(ask, step=ask.step / 2, max_steps=most), SURE)
@@ -711,7 +719,7 @@ def limits_of(model: Any, ask: Ask, name: str, fastest: dict[str, float]) -> Lim
     if not method.adaptive:
         return Limits(float(ask.step or 0.0), 0.0, 1.0, 0.0, taut, floor)
     tolerance = tolerance_of(name, ask)
-    most = longest_step(model, ask)
+    most = longest_step(model, ask, name)
     quick = max(fastest["axial"], fastest["bending"], fastest["tension"])
     first = 1 / quick if quick > 0 else most
     if name in RUNGE_KUTTA:
@@ -723,16 +731,20 @@ def limits_of(model: Any, ask: Ask, name: str, fastest: dict[str, float]) -> Lim
     return Limits(min(first, 1e-3 * most), tolerance, most, LEAST_STEP, taut, floor)
 
 
-def longest_step(model: Any, ask: Ask) -> float:
-    """A twentieth of the shortest period of the motion, a fiftieth of the run [s]."""
-    return float(min(ask.duration / 50, 2 * math.pi / model.omega / 20 if model.omega > 0 else math.inf))
+def longest_step(model: Any, ask: Ask, name: str) -> float:
+    """A twentieth of the shortest period of the motion, a fiftieth of the run [s]; with error control at another
+    tolerance than the default as much more or less as that lets steps be, so that a finer run is one everywhere."""
+    usual = min(ask.duration / 50, 2 * math.pi / model.omega / 20 if model.omega > 0 else math.inf)
+    method = METHODS[name]
+    finer = tolerance_of(name, ask) / method.tolerance if method.adaptive else 1.0
+    return float(usual * finer ** (1 / (1 + method.order)))
 
 
 def own_step(model: Any, ask: Ask, fastest: dict[str, float]) -> float:
     """The step of `srkn4` on a mesh [s]: the fastest mode keeps its energy to 2e-4, and the damping that `decay` counts
     is stable (of lumped masses and Hermite elements BA, not BI; drag nowhere)."""
     rates = {SWING: max(fastest["axial"], fastest["bending"], fastest["tension"]), SWING_REACH: fastest["decay"]}
-    return min([longest_step(model, ask), *(share / rate for share, rate in rates.items() if rate > 0)])
+    return min([longest_step(model, ask, "srkn4"), *(share / rate for share, rate in rates.items() if rate > 0)])
 
 
 def ring_of(name: str) -> float:

@@ -60,7 +60,7 @@ class Ask:
     segments: int | None = None  # N, over the whole cable
     accuracy: float = 0.05  # wanted relative error of the transverse response; chooses `segments` when None
     tolerance: float | None = None  # local error of an adaptive method, in the energy norm
-    checked_tolerance: float | None = None  # known to do for `accuracy` (pilots say it): no finer run checks it again
+    checked_tolerance: float | None = None  # pilots' word that it does: a coarser run is check enough
     step: float | None = None  # of a fixed-step method [s]
     rho: float = 0.8  # generalised-alpha: spectral radius at infinity
     interval: float = 1e-3  # of the output grid [s]

@@ -69,8 +69,9 @@ def load_case(path: str | Path, duration: float | None = None) -> Case:
         point = make_point(study, 0, 0, designs(study, 1)[0])
         length = point.ask.duration if duration is None else duration
         ask = replace(
-            point.ask, segments=None, model="auto", method="auto", step=None, tolerance=None, duration=length
-        )
+            point.ask, segments=None, model="auto", method="auto", step=None, tolerance=None, checked_tolerance=None,
+            duration=length,
+        )  # fmt: skip
         stems = dict.fromkeys(name.removesuffix("_mean").removesuffix("_worst") for name in study.objectives)
         return Case(
             name=study.name or path.stem, scene=point.scene, settings=point.settings, ask=ask, objectives=tuple(stems)

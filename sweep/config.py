@@ -317,7 +317,7 @@ class AskSection:
     segments: Annotated[int, BeforeValidator(_no_bool), Field(ge=2)] | None = None
     accuracy: Open = 0.05
     tolerance: Positive | None = None
-    checked_tolerance: Positive | None = None  # known to do for `accuracy`: runs up to it are not checked by finer ones
+    checked_tolerance: Positive | None = None  # pilots' word that it does: a coarser run is check enough
     step: Positive | None = None  # [s]
     rho: Fraction = 0.8
     interval: Positive = 1e-3  # [s]

@@ -1,8 +1,8 @@
 """What a study leaves to pilots (mesh, tolerance, line and method) settled once for all its points.
 
 Pilots of single points would cost more than the points. The first design and those with every variable at its least
-and at its greatest are piloted; the finest mesh and the tightest tolerance count for all, and neither is checked again
-at each point.
+and at its greatest are piloted; the finest mesh and the tightest tolerance count for all. The points beside them are
+still compared with a coarser run, which is cheap.
 """
 
 from __future__ import annotations
@@ -34,6 +34,10 @@ def _bound(study: Study) -> set[str]:
     return {path for key, variable in study.variables.items() for path in variable.paths(key)}
 
 
+def _work(run: Response) -> int:
+    return (run.cost.evaluations + 4 * run.cost.factorisations) * run.segments
+
+
 def found_by_pilots(study: Study) -> dict[str, Any]:
     """Fields of the ask that pilots settle, and `because`: a sentence for each pilot."""
     runs: dict[str, Response] = {}
@@ -46,7 +50,7 @@ def found_by_pilots(study: Study) -> dict[str, Any]:
         return found_by_pilots(replace(study, ask=replace(study.ask, model=model)))
     methods = {run.method for run in runs.values()}
     if len(methods) > 1 and study.ask.duration > 0 and study.ask.method == "auto" and "harmonic" not in methods:
-        dearest = max(runs.values(), key=lambda run: run.cost.evaluations * run.segments)
+        dearest = max(runs.values(), key=_work)
         return found_by_pilots(replace(study, ask=replace(study.ask, method=dearest.method)))
     found: dict[str, Any] = {"segments": max(run.segments for run in runs.values()), "model": lines.pop()}
     tolerances = [run.tolerance for run in runs.values() if math.isfinite(run.tolerance)]
@@ -54,7 +58,7 @@ def found_by_pilots(study: Study) -> dict[str, Any]:
         found["method"] = methods.pop()
         if tolerances and study.ask.duration > 0:
             found["tolerance"] = min(tolerances)
-            if all(run.trusted for run in runs.values()):
+            if all(run.trusted and not run.chaotic for run in runs.values()):
                 found["checked_tolerance"] = found["tolerance"]
     found["because"] = {label: f"{run.status.name}: {run.reason}" for label, run in runs.items()}
     return found
