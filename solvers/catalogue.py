@@ -34,8 +34,7 @@ UNGUIDED = 60  # segments where no excitation sets a wave length
 FIRST = 20  # most segments of the first pilot
 EQUALS = ("hermite", "transverse")  # lines that pilots try beside the lumped one
 LOOSE, STABLE = 100.0, 10.0  # times its default: the first tolerance that pilots try, that of an explicit method
-SURE, SURER = 0.5, 0.1  # of the accuracy asked: what an error in time may be that a coarser step, tolerance tells
-USUAL = 0.05  # accuracy that default tolerances are made for
+SURE, SURER = 0.5, 0.2  # of the accuracy asked: what an error in time may be that a coarser step, tolerance tells
 FEWER = 0.8  # of a run's steps: with more, a coarser one does not tell its error
 CAPPED = 1.5  # times the steps that the longest one makes: a run of no more has not been controlled by its error
 
@@ -515,8 +514,10 @@ def run(scene: sc.Scene, ask: Ask, choice: Choice, check: bool = True) -> Respon
     if not check:
         return response
     own = own_step(model, ask, model.fastest(static)) if METHODS[choice.method].own_step else 0.0
-    capped = response.cost.steps * longest_step(model, ask, choice.method) <= CAPPED * ask.duration
-    trials = trials_of(ask, choice.method, model.n_gaps, own, capped)
+    steps = response.cost.steps
+    controlled = steps * longest_step(model, ask, choice.method) > CAPPED * ask.duration
+    small = response.tolerance * steps <= SURE * ask.accuracy  # the sum of the local errors
+    trials = trials_of(ask, choice.method, model.n_gaps, own, controlled and small)
     return checked(response, ask, lambda other: march(model, other, choice, static, q, v, dict(common), joints), trials)
 
 
@@ -528,22 +529,20 @@ def leaving(model: Any, static: np.ndarray) -> str:
     return f"unstable equilibrium: a small disturbance grows e-fold in {1 / rate:.3g} s" if rate > 0 else ""
 
 
-def trials_of(ask: Ask, name: str, n_gaps: int, own: float = 0.0, capped: bool = False) -> list[tuple[Ask, float]]:
+def trials_of(ask: Ask, name: str, n_gaps: int, own: float = 0.0, small: bool = True) -> list[tuple[Ask, float]]:
     """Runs that tell the error in time of a run, each with the share of `accuracy` up to which its word is enough.
 
-    None where that error is known to be small: at a step up to the mesh's `own`; of an explicit method with error
-    control, whose steps are those of stability, up to its default tolerance; of an implicit one that the longest step
-    has not `capped`, up to its default, less by the power 3/2 of what is asked below the usual accuracy. After impacts
-    only statistics are promised. The last run is finer. One before it is coarser and cheap, but cannot see what takes
-    finer steps to be seen; up to `checked_tolerance` pilots have seen to that.
+    None where that error is known to be small: at a step up to the mesh's `own`; at a tolerance up to the default of
+    an explicit method with error control, whose steps are those of stability, and of an implicit one where local errors
+    were controlled and add up to a `small` sum. After impacts only statistics are promised. The last run is finer. One
+    before it is coarser and cheap, but cannot see what takes finer steps to be seen; up to `checked_tolerance` pilots
+    have seen to that.
     """
     most = 10 * ask.max_steps
     if METHODS[name].adaptive:
-        used, known = tolerance_of(name, ask), METHODS[name].tolerance
-        explicit = name in RUNGE_KUTTA
-        if n_gaps == 0 and not explicit:
-            known *= 0.0 if capped else min(1.0, ask.accuracy / USUAL) ** 1.5
-        if used <= known * (1 + 1e-9) and (n_gaps == 0 or explicit):
+        used, explicit = tolerance_of(name, ask), name in RUNGE_KUTTA
+        known = explicit or (small and n_gaps == 0)
+        if known and used <= METHODS[name].tolerance * (1 + 1e-9):
             return []
         finer = (replace(ask, tolerance=used / 10, max_steps=most), SURE)
         if n_gaps > 0 or explicit or 10 * used >= 1:

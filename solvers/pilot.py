@@ -260,11 +260,11 @@ def sure(pilots: Pilots, best: Refined, accuracy: float) -> Refined:
     """The chosen run with its error in time measured on its own mesh, where modes ring that the first one had not; at a
     finer tolerance where that is too much."""
     way = best.way
-    while way.tune and best.knob / way.factor >= TIGHTEST:
+    while way.tune and best.knob / way.factor >= TIGHTEST and pilots.work <= MOST_WORK:
         finer = pilots(way, best.segments, best.knob / way.factor)
         late = gap(best.response, finer) / (1 - 1 / way.factor)
         error = best.error - best.late + late
-        if error <= accuracy or finer.status != Status.OK:
+        if error <= accuracy or late <= share_of(way) * accuracy or finer.status != Status.OK:
             return best._replace(error=error, late=late)
         best = best._replace(knob=best.knob / way.factor, response=finer, error=error, late=late)
     return best

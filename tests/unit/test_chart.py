@@ -15,6 +15,7 @@ import yaml
 from rich.console import Console
 
 from solvers import METHODS, Ask, Cost, End, Harmonic, Motion, Response, Scene, Section, Status, Window, solve
+from solvers.catalogue import SURE, SURER, trials_of
 from sweep import chart, peers, report, resolve
 from sweep.chart_plot import save_chart
 from sweep.config import ConfigError, MetricSettings, parse_study
@@ -184,16 +185,20 @@ def test_the_mesh_of_a_study_is_settled_once(tmp_path: Path, monkeypatch: pytest
     assert resolve.resolve(settled, tmp_path) == (settled, {})
 
 
-def test_points_of_a_study_do_not_check_again_what_its_pilots_did() -> None:
-    """Pilots loosen the tolerance for the accuracy asked; by itself such a run is compared with a finer one."""
+def test_points_of_a_study_are_checked_by_a_coarser_run_alone() -> None:
+    """Pilots loosen the tolerance for the accuracy asked and have seen that no finer one sees more."""
     raw = {
-        "name": "open", "scene": dump(STRING), "ask": {"duration": 1.0, "accuracy": 0.01},
+        "name": "open", "scene": dump(STRING), "ask": {"duration": 1.0, "accuracy": 0.01, "model": "lumped"},
         "metrics": {"baseline": "plain"}, "objectives": ["rms"],
     }  # fmt: skip
     ask = resolve.resolve(parse_study(raw))[0].ask
     assert ask.tolerance == ask.checked_tolerance > METHODS[ask.method].tolerance
-    assert solve(STRING, ask).cost.checking == 0.0
-    assert solve(STRING, replace(ask, checked_tolerance=None)).cost.checking > 0.0
+    assert [share for _, share in trials_of(ask, ask.method, 0)] == [1.0, SURE]
+    assert [share for _, share in trials_of(replace(ask, checked_tolerance=None), ask.method, 0)] == [SURER, SURE]
+    run = solve(STRING, ask)
+    assert run.trusted
+    assert 0.0 < run.cost.checking
+    assert run.estimated_error < ask.accuracy
 
 
 def test_a_tolerance_that_pilots_found_too_loose_goes_on_being_checked() -> None:

@@ -106,6 +106,37 @@ def test_chosen_run_judges_cheaper_ones() -> None:
     assert made.error(judged.way, judged.segments, judged.knob) <= judged.error <= 1e-2
 
 
+def test_a_finer_mesh_judges_where_the_chosen_run_is_not_good_enough() -> None:
+    """The chosen run's error leaves no room for a run at a looser tolerance; a finer mesh's does."""
+    made = Made(late=0.01)
+
+    def attempt(line: pilot.Way, segments: int, knob: float) -> Response:
+        error = made.error(line, segments, knob) + (2.2e-3 if knob > 5e-3 else 0.0)
+        run = replace(made(line, segments, knob), signals=run_of(segments, error, 100).signals)
+        run = replace(run, cost=run.cost._replace(evaluations=round(run.cost.evaluations * knob**-0.25)))
+        return replace(run, status=Status.ENERGY_OPEN if knob > 5e-3 and segments <= 40 else Status.OK)
+
+    judged = pilot.refine(attempt, [way()], 1e-2, 10)
+    assert judged.knob == 1e-2
+    assert made.error(judged.way, judged.segments, judged.knob) + 2.2e-3 <= judged.error <= 1e-2
+    judges = [segments for _, segments, knob in made.asked if knob < 1e-2]
+    assert max(judges) > judged.segments
+
+
+def test_the_error_in_time_is_that_of_the_chosen_mesh() -> None:
+    """Modes that ring on fine meshes alone: the first mesh's error in time says nothing."""
+    made = Made(late=0.0)
+
+    def attempt(line: pilot.Way, segments: int, knob: float) -> Response:
+        error = made.error(line, segments, knob) + (3.0 * knob if segments > 30 else 0.0)
+        return replace(made(line, segments, knob), signals=run_of(segments, error, 100).signals)
+
+    found = pilot.refine(attempt, [way()], 1e-2, 10)
+    assert made.error(found.way, found.segments, found.knob) + 3.0 * found.knob <= 1e-2
+    assert found.error <= 1e-2
+    assert found.late == pytest.approx(3.0 * found.knob, rel=0.2)
+
+
 def test_open_ledger_makes_the_tolerance_finer() -> None:
     made = Made(late=0.0)
 
