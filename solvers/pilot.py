@@ -16,6 +16,7 @@ from scipy.optimize import brentq
 
 from .model import Response, Status
 
+STILL = 1e-10  # of the length: a displacement that is rounding
 STATIONS = 40  # equal parts of the line at whose ends two runs are compared
 SAFETY = 1.25  # on an error that is extrapolated from coarser meshes
 LEFT = 0.25  # of the accuracy asked that the mesh may take whatever time stepping and kinematics do
@@ -70,8 +71,9 @@ def gap(run: Response, truth: Response) -> float:
     tangent = tangents(truth, stations) if len(run.t) > 1 else None
     a, b = motion_at(run, stations, tangent), motion_at(truth, stations, tangent)
     difference, size = float(np.sum((a - b) ** 2)), float(np.sum(b**2))
-    if size == 0.0:
-        return 0.0 if difference == 0.0 else math.inf
+    rounding = b.size * (STILL * float(truth.signals["arc"][-1])) ** 2
+    if size <= rounding:  # a straight line at rest
+        return 0.0 if difference <= rounding else math.inf
     return math.sqrt(difference / size)
 
 
@@ -223,7 +225,8 @@ def refine(attempt: Attempt, ways: list[Way], accuracy: float, first: int) -> Re
             continue
         apart = gap(pilots(way, first, knob), pilots(way, 2 * first, knob))
         error = SAFETY * apart * 2**way.order / (2**way.order - 1)
-        mesh = first * min(100.0, (error / wanted_in_space(way, accuracy, late)) ** (1 / way.order))
+        share = (error / wanted_in_space(way, accuracy, late)) ** (1 / way.order)
+        mesh = max(LEAST, first * min(100.0, share))
         offers.append(Offer(projected(pilots, way, first, knob, mesh), way, knob, late))
     if not offers:
         way = ways[0]

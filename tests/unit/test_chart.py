@@ -212,6 +212,12 @@ def test_a_tolerance_that_pilots_found_too_loose_goes_on_being_checked() -> None
     assert not solve(STRING, ask).trusted
 
 
+def test_a_straight_line_at_rest_needs_no_fine_mesh() -> None:
+    run = solve(replace(STRING, end_b=replace(STRING.end_b, motion=None)), Ask())
+    assert run.trusted, run.message
+    assert run.segments < 100
+
+
 def test_extremes_that_want_different_methods_get_that_of_the_dearest(monkeypatch: pytest.MonkeyPatch) -> None:
     raw = {
         "name": "open", "scene": dump(STRING), "ask": {"duration": 1.0}, "metrics": {"baseline": "plain"},
