@@ -26,7 +26,8 @@ LEAST = 8  # segments
 GUARDED = 3  # finer meshes, by 1.4 each, that are tried where one is right but the line's guards call it UNRESOLVED
 COARSER = (1.6, 1.35, 1.15, 1.0)  # by which meshes are coarser that the chosen run judges
 GAIN = 0.8  # of the chosen run's work: what those may take
-JUDGE, FINER = 0.4, 1.5  # of the accuracy asked: where its error is above, a mesh as many times as fine judges them
+JUDGE, JUDGES = 0.4, 2  # of the accuracy asked: where its error is above, so many finer meshes are tried as judges
+FINER = 1.5  # times as fine each
 STAGES = 6  # evaluations in an explicit step
 FINEST, MOST_WORK = 20_000, 1e10  # segments, and counted operations of all pilots (minutes)
 TIGHTEST = 1e-10  # tolerance
@@ -302,16 +303,19 @@ def pages_of(pilots: Pilots, offers: list[Offer], best: Refined, given: int) -> 
 
 def judged(pilots: Pilots, best: Refined, accuracy: float) -> tuple[Response, float]:
     """The run beside which cheaper ones are held, and its estimated error: the chosen one, or one on a finer mesh."""
-    finer = math.ceil(FINER * best.segments)
-    if best.error <= JUDGE * accuracy or finer > FINEST:
-        return best.response, best.error
-    judge = pilots(best.way, finer, best.knob)
-    if judge.status != Status.OK:
-        return best.response, best.error
-    less = (finer / best.segments) ** best.order
+    judge, error = best.response, best.error
     rest = best.late + best.way.given
-    told = SAFETY * gap(best.response, judge) / (less - 1)
-    return judge, rest + max(told, 0.5 * (best.error - rest) / less)  # two meshes may agree by accident
+    for _ in range(JUDGES):
+        finer = math.ceil(FINER * judge.segments)
+        if error <= JUDGE * accuracy or finer > FINEST or pilots.work > MOST_WORK:
+            break
+        other = pilots(best.way, finer, best.knob)
+        if other.status != Status.OK:
+            break
+        less = (finer / judge.segments) ** best.order
+        told = SAFETY * gap(judge, other) / (less - 1)
+        judge, error = other, rest + max(told, 0.5 * (error - rest) / less)  # two meshes may agree by accident
+    return judge, error
 
 
 def thrifty(pilots: Pilots, offers: list[Offer], best: Refined, accuracy: float, given: int) -> Refined:
