@@ -371,8 +371,8 @@ def ways(scene: sc.Scene, ask: Ask, choice: Choice) -> list[pilot.Way]:
     found = []
     for model in lines:
         line, given = MODELS[model], 0.0
-        if F.LARGE_MOTION not in line.features and model != choice.model and ask.duration > 0:
-            given = range_of(scene, model)
+        if F.LARGE_MOTION not in line.features and model != choice.model:
+            given = range_of(scene, model) if ask.duration > 0 else math.inf  # at rest there is no motion to be small
             if not given <= 0.5 * ask.accuracy:
                 continue
         free = ask.method == "auto" and ask.step is None and choice.method != "harmonic"
