@@ -557,14 +557,11 @@ def trials_of(ask: Ask, name: str, n_gaps: int, own: float = 0.0, small: bool = 
     return [(replace(ask, step=2 * ask.step), SURE), finer]
 
 
-STILL = 1e-10  # of the largest coordinate: a displacement that is rounding
-
-
 def motionless(run: Response) -> bool:
     """Whether nodes move by rounding alone (a straight rod that is twisted); a start that is damped away has moved."""
     away = np.abs(run.signals["position"] - run.signals["static_position"]).max()
     path = np.abs(run.signals["velocity"]).max() * (run.t[-1] - run.t[0])
-    return bool(max(away, path) <= STILL * np.abs(run.signals["position"]).max())
+    return bool(max(away, path) <= pilot.STILL * np.abs(run.signals["position"]).max())
 
 
 def apart(one: Response, other: Response) -> float:
@@ -735,8 +732,8 @@ def longest_step(model: Any, ask: Ask, name: str) -> float:
     tolerance than the default as much more or less as that lets steps be, so that a finer run is one everywhere."""
     usual = min(ask.duration / 50, 2 * math.pi / model.omega / 20 if model.omega > 0 else math.inf)
     method = METHODS[name]
-    finer = tolerance_of(name, ask) / method.tolerance if method.adaptive else 1.0
-    return float(usual * finer ** (1 / (1 + method.order)))
+    looser = tolerance_of(name, ask) / method.tolerance if method.adaptive else 1.0
+    return float(usual * looser ** (1 / (1 + method.order)))
 
 
 def own_step(model: Any, ask: Ask, fastest: dict[str, float]) -> float:

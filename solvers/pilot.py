@@ -150,9 +150,14 @@ def share_of(way: Way) -> float:
     return way.order / (way.order + way.late_order)
 
 
+def operations(run: Response) -> int:
+    """Counted: evaluations, a factorisation like four of them, times nodes."""
+    return (run.cost.evaluations + 4 * run.cost.factorisations) * (run.segments + 1)
+
+
 def work(way: Way, run: Response) -> float:
-    """Counted operations: evaluations, a factorisation like four of them, times nodes and price."""
-    return way.price * (run.cost.evaluations + 4 * run.cost.factorisations) * (run.segments + 1)
+    """Operations times price."""
+    return way.price * operations(run)
 
 
 def in_time(pilots: Pilots, way: Way, segments: int, wanted: float) -> tuple[float, float]:
@@ -328,11 +333,11 @@ def thrifty(pilots: Pilots, offers: list[Offer], best: Refined, accuracy: float,
     pages = pages_of(pilots, offers, best, given)
     if not pages:
         return best
-    most, widest = GAIN * work(best.way, best.response), best.segments
+    most, chosen = GAIN * work(best.way, best.response), best.segments
     judge, error = judged(pilots, best, accuracy)
     for page in (page for page in pages if page.late <= accuracy - error):
         for ratio in COARSER:
-            mesh = math.ceil(widest / ratio)
+            mesh = math.ceil(chosen / ratio)
             if mesh < LEAST or page.each * (mesh + 1) > most:
                 break
             run = pilots(page.way, mesh, page.knob)

@@ -34,10 +34,6 @@ def _bound(study: Study) -> set[str]:
     return {path for key, variable in study.variables.items() for path in variable.paths(key)}
 
 
-def _work(run: Response) -> int:
-    return (run.cost.evaluations + 4 * run.cost.factorisations) * run.segments
-
-
 def found_by_pilots(study: Study) -> dict[str, Any]:
     """Fields of the ask that pilots settle, and `because`: a sentence for each pilot."""
     runs: dict[str, Response] = {}
@@ -50,7 +46,7 @@ def found_by_pilots(study: Study) -> dict[str, Any]:
         return found_by_pilots(replace(study, ask=replace(study.ask, model=model)))
     methods = {run.method for run in runs.values()}
     if len(methods) > 1 and study.ask.duration > 0 and study.ask.method == "auto" and "harmonic" not in methods:
-        dearest = max(runs.values(), key=_work)
+        dearest = max(runs.values(), key=pilot.operations)
         return found_by_pilots(replace(study, ask=replace(study.ask, method=dearest.method)))
     found: dict[str, Any] = {"segments": max(run.segments for run in runs.values()), "model": lines.pop()}
     tolerances = [run.tolerance for run in runs.values() if math.isfinite(run.tolerance)]
