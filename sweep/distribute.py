@@ -35,6 +35,7 @@ POLL = 0.002  # how long a rank with something to do sleeps between looks [s]
 CHUNK_SECONDS, CHUNK = 0.5, 1024  # a chunk lasts for so long, and holds no more points
 NEWS, ALIVE = 0.5, 10.0  # how often a rank tells of its rows, or that it lives [s]
 AHEAD = 1.0  # points shorter than this are fetched before they are needed [s]
+LAST_WORDS = 2.0  # a launcher that is told to abort drops what it has not yet passed on of stderr [s]
 SILENCE = 300.0  # a rank that says nothing for longer is dead or hangs [s]
 WARM = 120.0  # the others wait no longer for the first of them to fill the compiler's cache [s]
 RANK_MEMORY = 300.0  # that a rank itself takes [MB]
@@ -210,7 +211,10 @@ class Mpi:
             self._mpi.Finalize()
 
     def abort(self, code: int) -> None:
-        """End all ranks at once, those too that do not answer."""
+        """End all ranks, those too that do not answer, once the launcher has had time to pass on what was said."""
+        sys.stdout.flush()
+        sys.stderr.flush()
+        time.sleep(LAST_WORDS)
         self._comm.Abort(code)
 
 
