@@ -224,11 +224,11 @@ def _complete(out: Path, undisturbed: xr.Dataset) -> None:
 
 
 def test_an_array_that_meets_its_time_limit_goes_on_in_a_new_turn(slurm, many, undisturbed, tmp_path):
-    """USR1 comes before the limit of a minute, while both tasks still have points that do not end."""
+    """USR1 comes some 40 s after the start and before the limit, while both tasks have points that do not end."""
     _made_up(tmp_path, 4)
     out = tmp_path / "out"
-    with_signal = {"SBATCH_SIGNAL": "B:USR1@50"}
-    jobs = submit(slurm, many, out, "--array", 2, "--pilots", 0, "--time", "00:01:00", **with_signal)
+    with_signal = {"SBATCH_SIGNAL": "B:USR1@80"}
+    jobs = submit(slurm, many, out, "--array", 2, "--pilots", 0, "--time", "00:02:00", **with_signal)
     _until(lambda: logs(out).count("after USR1: back to the queue") == 2, out)
     _let_go(tmp_path)
     wait(slurm, jobs)
