@@ -1,17 +1,18 @@
-"""What limits the study of paper 003: where the processor time of a design goes, over meshes of the `transverse` line.
+"""What the study of paper 003 costs and how good it is, over meshes of the `transverse` line, masses scaled or not.
 
-    OMP_NUM_THREADS=1 python benchmarks/study_cost.py [--designs 16] [--spans 20 32 60] [--out figures]
+    OMP_NUM_THREADS=1 python benchmarks/study_cost.py [--designs 16] [--spans 20 32 40 60] [--out figures]
 
 Designs of configs/bnes_study.yaml, 5 s each, one process, one core. `march` is the time loop with its ledger; `model`
 what makes a model of a scene and its start; `signals` what makes signals of states, and checks them; `metrics` their
-reduction. Beside the total, what 2000 designs would take on two cores that do nothing else, and how far Delta of Table
-1's sinks (mean of the ensemble) is from the finest mesh's.
+reduction. Beside the total, what 2000 designs would take on two cores that do nothing else.
+
+The error is that of Delta, against locked masses: the mean of some perturbed runs of each of the first designs, against
+that of the finest mesh without scaling.
 """
 
 from __future__ import annotations
 
 import argparse
-import math
 import time
 from collections import Counter
 from collections.abc import Callable
@@ -27,7 +28,8 @@ from solvers.lines.transverse import TransverseModel
 from sweep.metrics import Summary, compute, summarise
 from sweep.space import baseline_scene, design_scene, designs
 
-WAYS = (("tsit5", 2e-3), ("srkn4", 2e-3))
+WAYS = (("tsit5", None), ("srkn4", None), ("srkn4", 3.6))  # methods, spans per wave by which masses are scaled
+Way = tuple[str, float | None]
 spent: Counter[str] = Counter()
 
 
@@ -45,8 +47,8 @@ def timed(owner: Any, name: str, label: str) -> None:
     setattr(owner, name, outer)
 
 
-def ask_of(n: int, method: str, interval: float) -> Ask:
-    return Ask(duration=5.0, segments=n, model="transverse", method=method, interval=interval)
+def ask_of(n: int, way: Way) -> Ask:
+    return Ask(duration=5.0, segments=n, model="transverse", method=way[0], interval=2e-3, mass_scaling=way[1])
 
 
 def base_of(ask: Ask) -> Summary | None:
@@ -54,10 +56,10 @@ def base_of(ask: Ask) -> Summary | None:
     return summarise(solve(scene, ask), scene, STUDY.settings)
 
 
-def costs(count: int, n: int, method: str, interval: float) -> dict[str, Any]:
+def costs(count: int, n: int, way: Way) -> dict[str, Any]:
     """Mean milliseconds of a design by part, its steps, the worst ledger, statuses."""
     scenes = [design_scene(STUDY, values) for values in designs(STUDY, count)]
-    ask, total, steps, worst, status = ask_of(n, method, interval), 0.0, 0, 0.0, Counter[str]()
+    ask, total, steps, worst, status = ask_of(n, way), 0.0, 0, 0.0, Counter[str]()
     base = base_of(ask)
     spent.clear()
     for scene in scenes:
@@ -75,47 +77,60 @@ def costs(count: int, n: int, method: str, interval: float) -> dict[str, Any]:
             "status": dict(status)}  # fmt: skip
 
 
-def delta(n: int, members: int) -> tuple[float, float]:
-    """Mean and standard error of Table 1's Delta against locked masses."""
-    ask = ask_of(n, *WAYS[1])
-    base, found = base_of(ask), []
-    for seed in range(members):
-        run = solve(STUDY.scene, replace(ask, perturbation=MEMBER, seed=seed))
-        row = compute(summarise(run, STUDY.scene, STUDY.settings), base, len(STUDY.scene.devices))
-        found.append(row["delta"])
-    return float(np.mean(found)), float(np.std(found, ddof=1)) / math.sqrt(members)
+def deltas(count: int, n: int, way: Way, members: int) -> tuple[np.ndarray, np.ndarray]:
+    """(count,) Delta of each of the first designs, the mean of its members, and their standard deviation; members that
+    are not trusted are left out."""
+    ask, found = ask_of(n, way), []
+    base = base_of(ask)
+    for values in designs(STUDY, count):
+        scene, rows = design_scene(STUDY, values), []
+        for seed in range(members):
+            run = solve(scene, replace(ask, perturbation=MEMBER, seed=seed))
+            if run.trusted:
+                rows.append(compute(summarise(run, scene, STUDY.settings), base, len(scene.devices))["delta"])
+        found.append((np.mean(rows), np.std(rows, ddof=1)))
+    mean, spread = np.array(found).T
+    return mean, spread
 
 
-Rows = list[tuple[int, str, float, dict[str, Any]]]  # spans, method, output grid [s], costs
+Costs = dict[tuple[int, Way], dict[str, Any]]  # by spans and way
+Errors = dict[tuple[int, Way], tuple[float, float]]  # rms and largest
 
 
-def draw(rows: Rows, deltas: dict[int, tuple[float, float]], path: Path) -> None:
+def label_of(way: Way) -> str:
+    return way[0] if way[1] is None else f"{way[0]}, {way[1]:g} per wave"
+
+
+def draw(rows: Costs, errors: Errors, path: Path) -> None:
     import matplotlib
     from matplotlib.figure import Figure
 
     from sweep.labels import BASE, BEST, DESIGN, FAIR, SKY, STYLE
 
     with matplotlib.rc_context(STYLE):
-        figure = Figure(figsize=(9, 3.6), layout="constrained")
+        figure = Figure(figsize=(10, 4.2), layout="constrained")
         cost, error = figure.subplots(1, 2)
         bottom, x = np.zeros(len(rows)), np.arange(len(rows))
         for name, colour in (("march", DESIGN), ("signals", FAIR), ("metrics", BEST), ("model", SKY)):
-            height = np.array([row[name] for *_, row in rows])
+            height = np.array([row[name] for row in rows.values()])
             cost.bar(x, height, 0.7, bottom=bottom, color=colour, label=name)
             bottom += height
-        cost.axhline(60.0, color="k", lw=0.8)
-        cost.annotate("60 s for 2000 designs on two cores", (-0.4, 60), xytext=(-0.4, 0.55 * bottom.max()), fontsize=8,
-                      arrowprops={"arrowstyle": "-", "color": "0.4"})  # fmt: skip
-        cost.set_xticks(x, [f"{n}\n{method}\n{1e3 * dt:g} ms" for n, method, dt, _ in rows])
+        cost.axhline(60.0, color="k", lw=0.8, label="60 s for 2000 designs on two cores")
+        cost.set_xticks(x, [f"{n} {label_of(way)}" for n, way in rows], rotation=60, ha="right", fontsize=8)
         cost.set(ylabel="processor time of a design [ms]")
-        cost.set_title("a  by spans, method, output grid")
+        cost.set_title("a  by spans and method")
         cost.legend(loc="upper left")
-        n = sorted(deltas)
-        mean, width = np.array([deltas[k] for k in n]).T
-        error.errorbar(n, mean, width, color=DESIGN, marker="o", capsize=3)
-        error.axhspan(0.95 * mean[-1], 1.05 * mean[-1], color=BASE, alpha=0.25, lw=0)
-        error.set(xlabel="spans [-]", ylabel="Δ of Table 1 against locked masses [-]")
-        error.set_title("b  mean, standard error; band: 5 % about the finest")
+        for way, marker in ((WAYS[1], "o"), (WAYS[2], "s")):
+            mine = sorted(n for n, other in errors if other == way and (n, way) in rows)
+            times, sizes = [rows[n, way]["total"] for n in mine], [100 * errors[n, way][0] for n in mine]
+            error.plot(times, sizes, marker=marker, color=BASE if way[1] is None else DESIGN, label=label_of(way))
+            for n, time_, size in zip(mine, times, sizes, strict=True):
+                error.annotate(str(n), (time_, size), xytext=(5, 4), textcoords="offset points", fontsize=8)
+        error.axhline(5.0, color="0.5", lw=0.8, ls="--")
+        error.axvline(60.0, color="k", lw=0.8)
+        error.set(xscale="log", yscale="log", xlabel="processor time of a design [ms]", ylabel="error of Δ, rms [%]")
+        error.set_title("b  error against cost, by spans")
+        error.legend(loc="upper right")
         path.parent.mkdir(parents=True, exist_ok=True)
         figure.savefig(path)
 
@@ -123,7 +138,8 @@ def draw(rows: Rows, deltas: dict[int, tuple[float, float]], path: Path) -> None
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--designs", type=int, default=16)
-    parser.add_argument("--spans", type=int, nargs="+", default=[20, 32, 60])
+    parser.add_argument("--spans", type=int, nargs="+", default=[20, 32, 40, 60])
+    parser.add_argument("--judged", type=int, default=12, help="designs whose Delta is compared")
     parser.add_argument("--members", type=int, default=8)
     parser.add_argument("--finest", type=int, default=120, help="spans that Delta is compared with")
     parser.add_argument("--out", type=Path, help="folder of study_cost.png")
@@ -131,23 +147,29 @@ def main() -> None:
     timed(catalogue, "marched", "march")
     for name in ("observe", "run_error", "validity"):
         timed(TransverseModel, name, "signals")
-    rows = []
-    print("| spans | method | output grid | ms a design | march | signals | metrics | model | steps | worst ledger "
-          "| status | 2000 designs on 2 cores, s |\n" + "|---" * 12 + "|")  # fmt: skip
+    rows: Costs = {}
+    print("| spans | method | ms a design | march | signals | metrics | model | steps | worst ledger "
+          "| status | 2000 designs on 2 cores, s |\n" + "|---" * 11 + "|")  # fmt: skip
     for n in options.spans:
-        for method, interval in WAYS:
-            r = costs(options.designs, n, method, interval)
-            rows.append((n, method, interval, r))
+        for way in WAYS:
+            r = rows[n, way] = costs(options.designs, n, way)
             shown = " | ".join(f"{r[k]:.1f}" for k in ("total", "march", "signals", "metrics", "model"))
-            print(f"| {n} | {method} | {1e3 * interval:g} ms | {shown} | {r['steps']} | {r['worst']:.1e} "
-                  f"| {r['status']} | {r['total']:.0f} |", flush=True)  # fmt: skip
-    print("\n| spans | Delta | standard error |\n|---|---|---|")
-    deltas = {}
-    for n in sorted({*options.spans, options.finest}):
-        deltas[n] = delta(n, options.members)
-        print(f"| {n} | {deltas[n][0]:.4f} | {deltas[n][1]:.4f} |", flush=True)
+            print(f"| {n} | {label_of(way)} | {shown} | {r['steps']} | {r['worst']:.1e} | {r['status']} "
+                  f"| {r['total']:.0f} |", flush=True)  # fmt: skip
+    true, spread = deltas(options.judged, options.finest, WAYS[1], options.members)
+    print(f"\n{options.finest} spans: Delta of {options.judged} designs {true.mean():.4f}, their standard deviation "
+          f"{true.std(ddof=1):.4f}, that of {options.members} members {spread.mean():.4f}\n")  # fmt: skip
+    print("| spans | method | error of Delta, rms | largest | mean | deviation of members |\n" + "|---" * 6 + "|")
+    errors: Errors = {}
+    for n in options.spans:
+        for way in WAYS[1:]:
+            mean, spread = deltas(options.judged, n, way, options.members)
+            off = mean / true - 1
+            errors[n, way] = float(np.sqrt(np.mean(off**2))), float(np.abs(off).max())
+            print(f"| {n} | {label_of(way)} | {errors[n, way][0]:.3f} | {errors[n, way][1]:.3f} | {off.mean():+.3f} "
+                  f"| {spread.mean():.4f} |", flush=True)  # fmt: skip
     if options.out:
-        draw(rows, deltas, options.out / "study_cost.png")
+        draw(rows, errors, options.out / "study_cost.png")
 
 
 if __name__ == "__main__":

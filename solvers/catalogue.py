@@ -45,11 +45,16 @@ class Line(NamedTuple):
     build: Callable[..., Any]
     features: Feature
     meaning: str
-    constrained: bool = False  # rod family: constraints want an implicit time method, and `build` takes the Ask
+    constrained: bool = False  # rod family: constraints want an implicit time method
     order: float = 2.0  # in the segment's length, where the response is smooth
     price: float = 1.0  # of an evaluation at one node, beside the lumped line's
     marched: tuple[str, ...] = ("dopri5", "trbdf2", "esdirk4")  # what pilots try, the first where they cannot tell
     measured: str = "tension's range"  # what the error of its range is relative to
+    reads: tuple[str, ...] = ()  # fields of the Ask that this line alone understands; `build` then takes the Ask
+
+    def made(self, scene: sc.Scene, segments: int, ask: Ask) -> Any:
+        """The model of a scene on a mesh, as asked."""
+        return self.build(scene, segments, ask) if self.reads else self.build(scene, segments)
 
 
 class Method(NamedTuple):
@@ -87,25 +92,26 @@ MODELS: dict[str, Line] = {
         transverse.build,
         F.BENDING | F.DRAG | F.CURRENT | F.SLACK | F.DEVICE | F.ROD | F.MOTION | F.TRANSIENT | F.DAMPING,
         "small motion across a nearly straight cable, cubic splines, with devices",
-        order=4.0, marched=("dopri5",), measured="transverse response",
+        order=4.0, marched=("dopri5",), measured="transverse response", reads=("mass_scaling",),
     ),
     "rod": Line(
         rod.build_rod,
         F.BENDING | F.SEABED | F.DRAG | F.CURRENT | F.MOTION | F.TRANSIENT | F.PERIODIC | F.LARGE_MOTION | F.SPATIAL
         | F.TORSION | F.ROTATION,
-        "rod with bending and torsion, order 12 in s (paper 001)", True,
+        "rod with bending and torsion, order 12 in s (paper 001)", True, reads=("rho_space",),
     ),
     "catenary": Line(
         rod.build_catenary,
         F.BENDING | F.SEABED | F.DRAG | F.CURRENT | F.MOTION | F.TRANSIENT | F.PERIODIC | F.LARGE_MOTION | F.SPATIAL
         | F.SLACK,
-        "catenary without bending, order 6 in s; needs tension everywhere (paper 001)", True,
+        "catenary without bending, order 6 in s; needs tension everywhere (paper 001)", True, reads=("rho_space",),
     ),
     "hybrid": Line(
         adaptive.build,
         F.BENDING | F.SEABED | F.DRAG | F.CURRENT | F.MOTION | F.TRANSIENT | F.PERIODIC | F.LARGE_MOTION | F.SPATIAL
         | F.TORSION | F.ROTATION | F.SLACK,
         "rod where bending and torsion matter, catenary elsewhere, moment-free joints (paper 001)", True,
+        reads=("rho_space", "rods"),
     ),
 }  # fmt: skip
 _MARCH = ("drive", "residual", "energies", "gaps")
@@ -242,6 +248,9 @@ def cheapest(scene: sc.Scene, ask: Ask) -> Choice:
         raise CannotRepresent(
             f"{model} cannot represent {missing.name}; models that can: {', '.join(able) or 'none'}"
         )
+    if ask.mass_scaling is not None and "mass_scaling" not in MODELS[model].reads:
+        able = [name for name, line in MODELS.items() if "mass_scaling" in line.reads]
+        raise CannotRepresent(f"mass_scaling: {model} cannot be slowed; models that can: {', '.join(able)}")
     segments, why = ask.segments, "mesh as asked"
     if segments is None:
         segments = 20 if estimate(scene, 20, model) > 0 else UNGUIDED
@@ -256,6 +265,8 @@ def cheapest(scene: sc.Scene, ask: Ask) -> Choice:
         if can_settle(scene, ask) and not MODELS[model].constrained and F.PERIODIC in MODELS[model].features:
             method, how = "harmonic", "the motion is periodic: its settled response, without the way there"
         why = f"{how}; {why}"
+    if ask.mass_scaling is not None:
+        why = f"{why}; free motions of fewer than {ask.mass_scaling:g} spans per wave slowed"
     why = f"{because}; {why}" if because else why
     if method == "harmonic":
         reason = settled.why_not(scene, ask.harmonics)
@@ -410,7 +421,7 @@ def can_march(model: str, method: str) -> bool:
 
 def least_steps(scene: sc.Scene, ask: Ask, model: str, segments: int) -> float:
     """Steps that the stability of an explicit method asks for over the run."""
-    built = MODELS[model].build(scene, segments)
+    built = MODELS[model].made(scene, segments, ask)
     return ask.duration * built.fastest(built.starts()[-1])["decay"] / REACH
 
 
@@ -461,8 +472,7 @@ def run(scene: sc.Scene, ask: Ask, choice: Choice, check: bool = True) -> Respon
         choice = choice._replace(reason=f"{choice.reason}; bending left out: it cannot show at this resolution")
     periodic = choice.method == "harmonic" and ask.duration > 0
     line = MODELS[choice.model]
-    more = {"ask": ask} if line.constrained else {}
-    model = line.build(settled.steady(scene) if periodic else scene, choice.segments, **more)
+    model = line.made(settled.steady(scene) if periodic else scene, choice.segments, ask)
     missing = [v for v in METHODS[choice.method].verbs if not has(type(model.pack), v)]
     if missing:
         raise CannotRepresent(

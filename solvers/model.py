@@ -66,6 +66,7 @@ class Ask:
     interval: float = 1e-3  # of the output grid [s]
     output_from: float = 0.0  # first time on it that is kept [s]
     rho_space: float = 1.0  # rod family: spectral radius at infinity along s; below 1 for statics only, see README
+    mass_scaling: float | None = None  # transverse: spans a wave needs to keep its frequency; finer ones are slowed
     rods: tuple[tuple[float, float], ...] | None = None  # hybrid: where it is a rod, arc lengths [m]; None: adaptive
     harmonics: int | None = None  # of harmonic balance; None adds them until the tolerance is met
     max_steps: int = 20_000_000
@@ -91,6 +92,8 @@ class Ask:
             ("step", self.step, self.step is None or 0 < self.step < math.inf, "must be above 0 [s]"),
             ("rho", self.rho, 0 <= self.rho <= 1, "must be 0 to 1"),
             ("rho_space", self.rho_space, 0 <= self.rho_space <= 1, "must be 0 to 1"),
+            ("mass_scaling", self.mass_scaling, self.mass_scaling is None or 2 <= self.mass_scaling <= 100,
+             "must be 2 to 100 spans per wave"),
             ("rods", self.rods, _in_order(self.rods), "pairs (from, to) [m] in order, each from < to"),
             ("interval", self.interval, 0 < self.interval < math.inf, "must be above 0 [s]"),
             ("output_from", self.output_from, 0 <= self.output_from <= self.last, "must be 0 to the last output [s]"),

@@ -126,7 +126,7 @@ def costlier(scene: Scene, ask: Ask, row: dict[str, Any], wanted: Wanted) -> Ask
     return replace(
         ask, model=model, method=method, segments=wanted.segments or (LOWER_ORDER if falls else 1) * n,
         tolerance=tight, checked_tolerance=None, step=None if default is not None else ask.step, harmonics=None,
-        rods=None if model == "rod" else ask.rods,
+        rods=None if model == "rod" else ask.rods, mass_scaling=None,
     )  # fmt: skip
 
 

@@ -70,7 +70,7 @@ def load_case(path: str | Path, duration: float | None = None) -> Case:
         length = point.ask.duration if duration is None else duration
         ask = replace(
             point.ask, segments=None, model="auto", method="auto", step=None, tolerance=None, checked_tolerance=None,
-            duration=length,
+            mass_scaling=None, duration=length,
         )  # fmt: skip
         stems = dict.fromkeys(name.removesuffix("_mean").removesuffix("_worst") for name in study.objectives)
         return Case(
@@ -220,7 +220,7 @@ def knobs_of(case: Case, method: str) -> list[float]:
         return [NAN]
     if METHODS[method].adaptive:
         return [factor * METHODS[method].tolerance for factor in TOLERANCES]
-    omega = MODELS[able(case)[0]].build(case.scene, COARSEST, **more(case, able(case)[0])).omega
+    omega = MODELS[able(case)[0]].made(case.scene, COARSEST, case.ask).omega
     longest = 2 * math.pi / omega / 12 if omega > 0 else case.ask.duration / 200
     return [longest / 2**k for k in range(STEPS)]
 
@@ -228,11 +228,6 @@ def knobs_of(case: Case, method: str) -> list[float]:
 def lands(method: str) -> bool:
     """Whether the steps of a method are its own to choose, so that they may end at an impact."""
     return method in METHODS and (METHODS[method].adaptive or METHODS[method].own_step)
-
-
-def more(case: Case, model: str) -> dict[str, Any]:
-    """What else a line's builder takes."""
-    return {"ask": case.ask} if MODELS[model].constrained else {}
 
 
 def scan(

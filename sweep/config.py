@@ -323,6 +323,7 @@ class AskSection:
     interval: Positive = 1e-3  # [s]
     output_from: NonNegative = 0.0  # [s]
     rho_space: Fraction = 1.0  # rod, catenary, hybrid: 1 closes the energy balance, less damps along s
+    mass_scaling: Annotated[Number, Field(ge=2, le=100)] | None = None  # transverse: spans in the shortest wave kept
     rods: tuple[tuple[NonNegative, NonNegative], ...] | None = None  # hybrid: [[from, to], ...] [m]; null: adaptive
     harmonics: Annotated[int, BeforeValidator(_no_bool), Field(ge=1, le=200)] | None = None
     max_steps: Count = 20_000_000
@@ -777,7 +778,7 @@ def _check(draft: Draft) -> None:
     sound = _check_paths(draft)
     _check_sampler(draft)
     _check_ask(draft)
-    _check_rods(draft, sound)
+    _check_own(draft, sound)
     _check_metrics(draft)
     _check_objectives(draft)
     _check_constraints(draft)
@@ -989,10 +990,11 @@ def _check_ask(draft: Draft) -> None:
 
 
 FAMILY = tuple(name for name, line in solvers.MODELS.items() if line.constrained)  # rods, catenaries, hybrids
+SCALED = tuple(name for name, line in solvers.MODELS.items() if "mass_scaling" in line.reads)
 
 
-def _check_rods(draft: Draft, sound: Sound) -> None:
-    """What only lines of the rod family read, against the model; a model that varies is not known here."""
+def _check_own(draft: Draft, sound: Sound) -> None:
+    """What only some lines read, against the model; a model that varies is not known here."""
     ask = draft.get("ask")
     varied = {path for key, variable in sound.variables.items() for path in variable.paths(key)}
     varied |= {path for patch in sound.patches for path in patch.set} | sound.tied.keys()
@@ -1001,6 +1003,9 @@ def _check_rods(draft: Draft, sound: Sound) -> None:
     if draft.sure("ask", "rods") and ask.rods is not None and ask.model != "hybrid":
         given = [list(pair) for pair in ask.rods]
         draft.add("ask.rods", given, f"only a hybrid has rods in places, not `{ask.model}`", "write `model: hybrid`")
+    if draft.sure("ask", "mass_scaling") and ask.mass_scaling is not None and ask.model not in SCALED:
+        problem = f"slows free motions of {', '.join(SCALED)} alone, not of `{ask.model}`"
+        draft.add("ask.mass_scaling", ask.mass_scaling, problem, f"remove it, or write `model: {SCALED[0]}`")
     if draft.sure("ask", "rho_space") and ask.rho_space != 1 and ask.model not in FAMILY:
         problem = f"damps along s in {', '.join(FAMILY)} alone, not in `{ask.model}`"
         draft.add("ask.rho_space", ask.rho_space, problem, "remove it, or name one of these models")

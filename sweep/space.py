@@ -261,7 +261,8 @@ def point_key(scene: Scene, ask: Ask, settings: MetricSettings | None = None) ->
     16 hexadecimal digits
     """
     asked = asdict(ask)
-    younger = (("output_from", 0.0), ("rho_space", 1.0), ("checked_tolerance", None))  # than the first keys
+    younger = (("output_from", 0.0), ("rho_space", 1.0), ("checked_tolerance", None),
+               ("mass_scaling", None))  # than the first keys
     for name, usual in younger:
         if asked[name] == usual:
             del asked[name]

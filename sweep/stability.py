@@ -156,7 +156,8 @@ def limits(scene: Scene, ask: Ask, model: str) -> tuple[dict[str, float], float]
     unknown = dict.fromkeys(ALL, math.nan)
     if line.constrained or needs(scene, ask) & ~line.features:
         return unknown, math.nan
-    built = line.build(scene, ask.segments)
+    assert ask.segments is not None  # the map's, or a run's that chose it
+    built = line.made(scene, ask.segments, ask)
     if scene.start.kind == "given":
         status, rest = Status.OK, built.given()[0]
     else:

@@ -79,6 +79,25 @@ def test_heavy_vertical_string() -> None:
     np.testing.assert_allclose(found, [3.78651169, 7.58157534, 11.37477503], rtol=2e-6)
 
 
+def test_mass_scaling_slows_what_the_mesh_does_not_resolve() -> None:
+    """A pinned beam under tension, of 24 spans: motions with four spans per wave and more keep frequency and shape, the
+    others have the frequency of a wave of four spans, sqrt((EI k4 + T k2)/m) with k = 2 pi/(4 h); the highest one falls
+    to a third."""
+    scene = level(5e4, 1e12, EI=1e5)
+    plain, slow = TransverseModel(scene, 24), TransverseModel(scene, 24, 4.0)
+    k2 = (2 * math.pi / (4.0 * 10 / 24)) ** 2
+    highest = math.sqrt((1e5 * k2**2 + 5e4 * k2) / 100)
+    before, after = plain.spectrum(), slow.spectrum()
+    np.testing.assert_allclose(after, np.minimum(before, highest), rtol=1e-6)
+    assert int((before < highest).sum()) == 11  # the twelfth has four spans per wave, and splines are stiff
+    assert before[-1] > 3 * highest
+    free = np.setdiff1d(np.arange(plain.ndof), plain.pack.fixed)
+    K = (plain.dense.B + plain.dense.W + plain.tension(plain.rest) * plain.dense.G)[np.ix_(free, free)]
+    _, shapes = eigh(K, plain.dense.M[np.ix_(free, free)])
+    more = (slow.dense.M - plain.dense.M)[np.ix_(free, free)] @ shapes[:, before < highest]
+    assert np.abs(more).max() < 1e-9 * np.abs(slow.dense.M).max()
+
+
 @pytest.mark.parametrize(("square", "exact"), [(1, 1.040200), (4, 1.151823), (4 * math.pi**2, 2.0), (1000, 2.848264)])
 def test_irvine(square: float, exact: float) -> None:
     """First symmetric frequency of a sagging cable over that of the taut string, against Irvine's lambda2: sag/span

@@ -12,6 +12,7 @@ from brink_kit import LINES, L, N, h, taut
 from solvers import BNES, Ask, End, Response, Scene, Section, Status, brink, solve
 from solvers.catalogue import Limits, marched, static_state
 from solvers.lines.lumped import LumpedModel
+from solvers.lines.transverse import TransverseModel
 from solvers.model import REMEDY
 
 # ------------------------------------------------------------------------------------------- stability functions
@@ -144,6 +145,23 @@ def test_both_sides_of_the_symplectic_limit(name):
     calm = shaken(UNDAMPED[name], "srkn4", 0.95 * limit)
     assert calm.signals["kinetic"].max() < math.e**2 * calm.signals["kinetic"][0]
     wild = shaken(UNDAMPED[name], "srkn4", 1.05 * 5.04 / 3.1634 * limit)
+    assert wild.status in (Status.DIVERGED, Status.ENERGY_OPEN), wild.message
+    assert REMEDY[wild.status] in wild.message
+
+
+@pytest.mark.parametrize("method", ["rk4", "srkn4"])
+def test_both_sides_of_the_limit_with_scaled_masses(method):
+    """A wave of four spans has the highest frequency left, (2 pi/4h)^2 sqrt(EI/m): in closed form, and 5.7 times longer
+    steps than without. Below the limit calm, above it lost, as above."""
+    scene = taut(0.0, EI=1e5, compression=True)
+    line = {"model": "transverse", "mass_scaling": 4.0}
+    model = TransverseModel(scene, N, 4.0)
+    limit = (2.8284 if method == "rk4" else 3.1634) / ((math.pi / 2 / h) ** 2 * math.sqrt(1e5 / 2.0))
+    assert brink.stable_step(method, brink.rates(model, model.rest)) == pytest.approx(limit, rel=2e-4)
+    assert limit * TransverseModel(scene, N).spectrum()[-1] > 5.7 * (2.8284 if method == "rk4" else 3.1634)
+    calm = shaken(scene, method, 0.95 * limit, **line)
+    assert calm.signals["kinetic"].max() < math.e**2 * calm.signals["kinetic"][0]
+    wild = shaken(scene, method, 1.05 * limit * (1.0 if method == "rk4" else 5.04 / 3.1634), **line)
     assert wild.status in (Status.DIVERGED, Status.ENERGY_OPEN), wild.message
     assert REMEDY[wild.status] in wild.message
 

@@ -118,7 +118,8 @@ def test_different_physics_has_different_keys():
         bind(base, {"devices": []}),
         bind(base, {"g": 9.81}),
     ]
-    asks = [Ask(duration=5.0), Ask(duration=5.0, segments=40), Ask(duration=5.0, model="lumped")]
+    asks = [Ask(duration=5.0), Ask(duration=5.0, segments=40), Ask(duration=5.0, model="lumped"),
+            Ask(duration=5.0, mass_scaling=4.0)]  # fmt: skip
     settings = [None, MetricSettings(), MetricSettings(pulse_end=0.5), MetricSettings(repeats=2)]
     found = {point_key(s, asks[0], settings[0]) for s in scenes}
     found |= {point_key(base, a, settings[0]) for a in asks}

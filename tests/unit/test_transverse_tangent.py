@@ -35,6 +35,7 @@ from solvers.dispatch import (
     call_tangent,
 )
 from solvers.lines.transverse import TransverseModel, build
+from solvers.lines.transverse.params import SHORT
 from solvers.scene import PointMass
 
 MOTION = Motion(harmonics=(Harmonic(amplitude=(0.05, 0, 0.01), frequency=0.5),))
@@ -80,11 +81,13 @@ def whole_tangent(model: TransverseModel, q: np.ndarray, v: np.ndarray, which: i
     return dense(J, p.bw) + np.outer(g, change)
 
 
-@pytest.mark.parametrize("bends", [(True, True), (True, False), (False, False)], ids=["beam", "half", "string"])
-def test_tangent_matches_differences(bends: tuple[bool, bool]) -> None:
+@pytest.mark.parametrize(("bends", "scaling"), [
+    ((True, True), None), ((True, False), None), ((False, False), None), ((True, True), 5.0), ((False, False), 4.0),
+], ids=["beam", "half", "string", "slowed beam", "slowed string"])  # fmt: skip
+def test_tangent_matches_differences(bends: tuple[bool, bool], scaling: float | None) -> None:
     """To 1e-7 of each row's largest entry: central differences of 3e-6 m (1e-4 m/s, 1 m/s2 in v and a, where F is
     quadratic and linear) of a function that is cubic but for the devices' laws."""
-    model = TransverseModel(scene(bends=bends), 12)
+    model = TransverseModel(scene(bends=bends), 12, scaling)
     x = list(state(model, 3))
     n = model.ndof
     for which, step in enumerate((3e-6, 1e-4, 1.0)):
@@ -103,10 +106,13 @@ def test_tangent_matches_differences(bends: tuple[bool, bool]) -> None:
         assert (np.abs(analytic - numeric) / scale).max() < 1e-7, which
 
 
-@pytest.mark.parametrize("bends", [(True, True), (False, False)], ids=["beam", "string"])
-def test_acceleration_solves_the_residual(bends: tuple[bool, bool]) -> None:
+@pytest.mark.parametrize(("bends", "segments", "scaling"), [
+    ((True, True), 12, None), ((False, False), 12, None), ((True, True), 12, 5.0), ((True, True), 160, None),
+], ids=["beam", "string", "slowed", "by bands"])  # fmt: skip
+def test_acceleration_solves_the_residual(bends: tuple[bool, bool], segments: int, scaling: float | None) -> None:
     """To rounding: no residual at the free dofs, and the same force at the ends."""
-    model = TransverseModel(scene(bends=bends), 12)
+    model = TransverseModel(scene(bends=bends), segments, scaling)
+    assert (len(model.pack.give) == 0) == (model.ndof > SHORT)
     q, v, a = state(model, 4)
     r, check = np.zeros(model.ndof), np.zeros(model.ndof)
     call_accelerate(0.0, q, v, a, model.pack, r)
@@ -116,10 +122,11 @@ def test_acceleration_solves_the_residual(bends: tuple[bool, bool]) -> None:
     np.testing.assert_allclose(r[model.pack.fixed], check[model.pack.fixed], atol=1e-12 * np.abs(r).max())
 
 
-def test_power_balances() -> None:
+@pytest.mark.parametrize("scaling", [None, 5.0])
+def test_power_balances(scaling: float | None) -> None:
     """F.v is the rate of kinetic, strain and gravity energy plus what is lost, for any motion: central differences of
     1e-5 s of energies that are quartic in q, to 1e-8."""
-    model = TransverseModel(scene(), 12)
+    model = TransverseModel(scene(), 12, scaling)
     q, v, a = state(model, 7)
     r, e = np.zeros(model.ndof), [np.zeros(N_ENERGIES) for _ in range(3)]
     call_residual(0.0, q, v, a, model.pack, r)

@@ -14,6 +14,9 @@ the slope squared beside 1, and inertia along the cable.
 w is a sum of cubic splines: with K, G, M the matrices of bending and W, of slopes and of mass, which never change,
 F = M a + (K + N G) q + C v + drag - load; rows of u_a and u_b hold the pull on the ends. Matrices are symmetric and
 stored by diagonals, D[m, i] = D(i, i + m).
+
+Where masses are scaled, a full matrix adds to M. Its inverse is then a full one too, as it is on short lines, on which
+that is quicker than to solve by bands.
 """
 
 from __future__ import annotations
@@ -149,6 +152,10 @@ def residual(t, q, v, a, pack, r):
     times(pack.M, a, pack.z)
     for i in range(len(r)):
         r[i] += pack.z[i]
+    if len(pack.slow) > 0:
+        multiply(pack.slow, a, pack.z)
+        for i in range(len(r)):
+            r[i] += pack.z[i]
 
 
 @kernel
@@ -168,6 +175,22 @@ def solve_mass(pack, x):
             x[i - m] -= pack.lower[i, m - 1] * s
 
 
+@kernel
+def multiply(A, x, y):
+    """y = A x for a symmetric full matrix, four rows at a time, which the processor adds side by side."""
+    n = len(x)
+    whole = n - n % 4
+    for i in range(n):
+        y[i] = 0.0
+    for j in range(0, whole, 4):
+        a, b, c, d = x[j], x[j + 1], x[j + 2], x[j + 3]
+        for i in range(n):
+            y[i] += (A[j, i] * a + A[j + 1, i] * b) + (A[j + 2, i] * c + A[j + 3, i] * d)
+    for j in range(whole, n):
+        for i in range(n):
+            y[i] += A[j, i] * x[j]
+
+
 def accelerate(t, q, v, a, pack, r):
     forces(q, v, pack, r)
     n = len(r)
@@ -177,20 +200,25 @@ def accelerate(t, q, v, a, pack, r):
         i = pack.fixed[k]
         if a[i] == 0.0:  # an end at rest
             continue
-        for m in range(1, pack.bw + 1):
+        for m in range(1, len(pack.M)):
             if i + m < n:
                 pack.z[i + m] -= pack.M[m, i] * a[i]
             if i - m >= 0:
                 pack.z[i - m] -= pack.M[m, i - m] * a[i]
     for k in range(len(pack.fixed)):
         pack.z[pack.fixed[k]] = a[pack.fixed[k]]
-    solve_mass(pack, pack.z)
-    for i in range(n):
-        a[i] = pack.z[i]
+    if len(pack.give) > 0:
+        multiply(pack.give, pack.z, a)
+        for k in range(len(pack.fixed)):
+            a[pack.fixed[k]] = pack.z[pack.fixed[k]]
+    else:
+        solve_mass(pack, pack.z)
+        for i in range(n):
+            a[i] = pack.z[i]
     for k in range(len(pack.fixed)):
         i = pack.fixed[k]
         r[i] += pack.M[0, i] * a[i]
-        for m in range(1, pack.bw + 1):
+        for m in range(1, len(pack.M)):
             if i + m < n:
                 r[i] += pack.M[m, i] * a[i + m]
             if i - m >= 0:
@@ -216,6 +244,9 @@ def tangent(t, q, v, a, cq, cv, ca, pack, J):
     bw = pack.bw
     e, rate = stretching(q, v, pack)
     add_band(ca, pack.M, bw, J)
+    for i in range(len(pack.slow)):
+        for m in range(len(pack.slow)):
+            J[i, bw + m - i] += ca * pack.slow[i, m]
     if cq != 0.0:
         add_band(cq, pack.K, bw, J)
         add_band(cq * (pack.pull * e + pack.loss * rate), pack.G, bw, J)
@@ -272,6 +303,9 @@ def energies(t, q, v, a, pack, e):
     e[:] = 0.0
     x, rate = stretching(q, v, pack)
     e[KINETIC] = form(pack.M, v, pack)
+    if len(pack.slow) > 0:
+        multiply(pack.slow, v, pack.z)
+        e[KINETIC] += 0.5 * product(v, pack.z)
     e[STRAIN] = form(pack.B, q, pack) + 0.5 * pack.pull * x * x
     e[GRAVITY] = form(pack.W, q, pack) - pack.load_factor * product(pack.load, q)
     lose(rate, q, v, pack, e)
@@ -291,3 +325,7 @@ def gaps(t, q, v, pack, g):
 
 def heft(t, q, e, pack, r):
     times(pack.M, e, r)
+    if len(pack.slow) > 0:
+        multiply(pack.slow, e, pack.z)
+        for i in range(len(r)):
+            r[i] += pack.z[i]

@@ -14,7 +14,7 @@ from ... import scene as sc
 from ...devices import contact_rates
 from ...dispatch import call_residual, provides
 from ...geometry import basis_of
-from ...model import CannotRepresent, Status
+from ...model import Ask, CannotRepresent, Status
 from ...motion import breaks, top_omega
 from . import kernels
 from .params import (
@@ -28,6 +28,7 @@ from .params import (
     make_mesh,
     number,
     section_at,
+    slowed,
 )
 
 provides(
@@ -48,6 +49,10 @@ class TransverseModel:
     scene : Scene
         In a vertical plane, both ends held, without seabed or free devices.
     segments : int
+    mass_scaling : float or None
+        Spans per wave that a free motion must have somewhere to keep its frequency. Inertia slows the others to the
+        highest one that has: a mesh does not know their frequencies anyway, but they would set the step of explicit
+        methods.
 
     Raises
     ------
@@ -57,7 +62,7 @@ class TransverseModel:
 
     name = "transverse"
 
-    def __init__(self, scene: sc.Scene, segments: int) -> None:
+    def __init__(self, scene: sc.Scene, segments: int, mass_scaling: float | None = None) -> None:
         refuse(scene)
         self.scene = scene
         self.basis = basis_of(scene)
@@ -78,6 +83,10 @@ class TransverseModel:
         self.offset = a - self.basis.T @ (self.basis @ a)
         self._sample()
         self.rest = self._static()
+        self.mass_scaling = mass_scaling
+        if mass_scaling is not None:
+            self.pack, self.dense = slowed(self.pack, self.dense, self.tension(self.rest), self.resolved(mass_scaling))
+            self.static_pack = self.pack
 
     def _sample(self) -> None:
         """Nodes and what turns a state into their offset, slope and curvature: knots, and rods' ends."""
@@ -193,13 +202,20 @@ class TransverseModel:
         tangent = np.column_stack([np.ones(len(slope)), slope]) / np.sqrt(1 + slope**2)[:, None]
         at = np.searchsorted(p.fixed, p.ends)
 
-        def world(x: np.ndarray) -> np.ndarray:
-            return (x[:, [0, -1]] @ along.T)[..., None] * span[:, 0] + (x @ self.to_w.T)[..., None] * span[:, 1]
+        def world(x: np.ndarray, start: np.ndarray) -> np.ndarray:
+            w, out = x @ self.to_w.T, np.empty((len(x), *start.shape))
+            u = x[:, [0, -1]] @ along.T if x[:, [0, -1]].any() else None
+            for axis in range(3):  # one plane at a time: no temporary of the full size
+                np.multiply(w, span[axis, 1], out=out[..., axis])
+                if u is not None:
+                    out[..., axis] += u * span[axis, 0]
+                out[..., axis] += start[:, axis]
+            return out
 
         return {
-            "arc": self.s, "static_position": home + world(static[None])[0], "static_tangent": tangent @ span.T,
+            "arc": self.s, "static_position": world(static[None], home)[0], "static_tangent": tangent @ span.T,
             "span_mass": np.array([x.mass for x in section_at(self.scene, (self.s[1:] + self.s[:-1]) / 2)]) * ds,
-            "rigid": self.rigid.astype(float), "position": home + world(q), "velocity": world(v),
+            "rigid": self.rigid.astype(float), "position": world(q, home), "velocity": world(v, np.zeros_like(home)),
             "tension": (p.pull * e + p.loss * rate)[:, None] + W, "curvature": np.abs(q @ self.to_bend.T),
             "end_force": force[:, at] @ span.T, "stroke": self._strokes(q),
         }  # fmt: skip
@@ -323,6 +339,20 @@ class TransverseModel:
         rms = math.sqrt(2 * float(power.sum())) / len(t)
         return slopes + AXIAL * rms / size
 
+    def _sections(self) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
+        """Of each interval between nodes: length [m], EI [N m2], mass with added mass [kg/m], tension at rest [N]."""
+        middle = (self.s[1:] + self.s[:-1]) / 2
+        S = section_at(self.scene, middle)
+        m = np.array([x.mass + self.scene.density * x.Can * math.pi / 4 * x.d**2 for x in S])
+        T = np.maximum(self.tension(self.rest) + self.loads.W(middle), 0.0)
+        return np.diff(self.s), np.array([x.EI for x in S]), m, T
+
+    def resolved(self, spans: float) -> float:
+        """Highest angular frequency of a wave that has so many spans somewhere on the line [rad/s]."""
+        h, EI, m, T = self._sections()
+        k2 = (2 * math.pi / (spans * h)) ** 2
+        return math.sqrt(float(((EI * k2 + T) * k2 / m)[~self.rigid].max()))
+
     def spectrum(self) -> np.ndarray:
         """Angular frequencies of the free line with its masses, tension as at rest [rad/s]."""
         free = np.ones(self.ndof, dtype=bool)
@@ -356,19 +386,17 @@ class TransverseModel:
 
     def guards(self, static: np.ndarray) -> tuple[Status, str, float]:
         """Status, sentence and spans per shortest wave of the excitation."""
-        middle, h = (self.s[1:] + self.s[:-1]) / 2, np.diff(self.s)
-        S = section_at(self.scene, middle)
-        EI = np.array([x.EI for x in S])
-        m = np.array([x.mass + self.scene.density * x.Can * math.pi / 4 * x.d**2 for x in S])
-        T = np.maximum(self.tension(static) + self.loads.W(middle), 0.0)
+        h, EI, m, T = self._sections()
         spans = math.inf
         if self.omega > 0:
             inertia = m * self.omega**2
             with np.errstate(divide="ignore"):
                 wave = 2 * math.pi / np.sqrt(2 * inertia / (np.sqrt(T * T + 4 * EI * inertia) + T))
             spans = float((wave / h)[~self.rigid].min())
-        if spans < LEAST_SPANS_PER_WAVE:
-            few = f"{spans:.1f} spans in the shortest wave of the excitation; {LEAST_SPANS_PER_WAVE:g} are needed"
+        least = max(LEAST_SPANS_PER_WAVE, self.mass_scaling or 0.0)
+        if spans < least:
+            why = ", or `mass_scaling` slows it" if least > LEAST_SPANS_PER_WAVE else ""
+            few = f"{spans:.1f} spans in the shortest wave of the excitation; {least:g} are needed{why}"
             return Status.UNRESOLVED, few, spans
         for end, k in ((self.scene.end_a, 0), (self.scene.end_b, -1)):
             if end.kind == "clamped" and EI[k] > 0 and T[k] > 0 and h[k] > math.sqrt(EI[k] / T[k]):
@@ -394,6 +422,6 @@ def refuse(scene: sc.Scene) -> None:
         raise CannotRepresent("end_a, end_b, water.current, devices: not in one vertical plane; transverse is planar")
 
 
-def build(scene: sc.Scene, segments: int) -> Any:
+def build(scene: sc.Scene, segments: int, ask: Ask | None = None) -> Any:
     """A TransverseModel of the scene."""
-    return TransverseModel(scene, segments)
+    return TransverseModel(scene, segments, ask.mass_scaling if ask else None)

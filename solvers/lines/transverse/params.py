@@ -8,6 +8,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 from scipy.interpolate import BSpline
+from scipy.linalg import eigh
 
 from ... import scene as sc
 from ...devices import CORDS, LINEAR, SPRINGS
@@ -16,6 +17,7 @@ from ...motion import MotionPack, motion_pack
 DEGREE = 3
 GAUSS, SHARE = np.polynomial.legendre.leggauss(4)  # exact for products of two cubics
 WATER, PART = np.polynomial.legendre.leggauss(1)  # drag is smooth over a span
+SHORT = 128  # most dofs whose masses are inverted once and for all, not solved for by bands (see kernels.accelerate)
 ROD = np.array([-1.0, 1.0]) / math.sqrt(3.0)  # two points on a rod, as of the lumped line
 
 
@@ -39,8 +41,10 @@ class Transverse(NamedTuple):
     W: np.ndarray  # weight along the chord int W phi' phi'/c
     G: np.ndarray  # int phi' phi'/c [1/m]
     C: np.ndarray  # bending's damping int BI phi'' phi''/c2, or (0, ndof)
+    slow: np.ndarray  # (ndof, ndof) inertia that slows what the mesh does not resolve, or (0, 0) [kg]
     lower: np.ndarray  # (ndof, bw) factors of M at the free dofs
     inverse: np.ndarray  # (ndof,)
+    give: np.ndarray  # (ndof, ndof) inverse of M + slow at the free dofs in their place, or (0, 0)
     load: np.ndarray  # (ndof,) steady forces [N]
     pull: float  # 1/int ds/EA [N/m]
     loss: float  # int BA/EA2 ds pull2 [N s/m]
@@ -343,6 +347,44 @@ def law_of(device: Any) -> tuple[float, float, float, float, float]:
     return CORDS if device.law == "cords" else SPRINGS, k, c, device.length, device.half_span
 
 
+def free_of(n: int, fixed: Any) -> tuple[np.ndarray, ...]:
+    """Rows and columns of the dofs that are not prescribed, to index a matrix by."""
+    free = np.ones(n, dtype=bool)
+    free[fixed] = False
+    return np.ix_(free, free)
+
+
+def inverse_of(M: np.ndarray, inside: tuple[np.ndarray, ...]) -> np.ndarray:
+    """Inverse of the free dofs' part of a mass matrix in its place, zeros elsewhere."""
+    give = np.zeros(M.shape)
+    give[inside] = np.linalg.inv(M[inside])
+    return (give + give.T) / 2
+
+
+def weights(M: np.ndarray) -> np.ndarray:
+    """(ndof,) diagonal matrix that is nowhere below M."""
+    size = np.sqrt(np.where(np.diagonal(M) > 0, np.diagonal(M), 1.0))
+    return np.asarray(np.diagonal(M) * float(np.linalg.eigvalsh(M / np.outer(size, size))[-1]))
+
+
+def slowed(pack: Transverse, dense: Matrices, N: float, highest: float) -> tuple[Transverse, Matrices]:
+    """The line at tension N with every free motion above the frequency `highest` [rad/s] slowed to it, the others and
+    all stiffness left as they are: selective mass scaling (Olovsson, Simonsson & Unosson, Int. J. Numer. Meth. Engng 63
+    (2005) 1436) by the motions themselves.
+
+    With K x = w2 M x and x M x = 1 for each of them, M grows by the sum of (w2/highest2 - 1) M x (M x).
+    """
+    inside, n = free_of(len(dense.M), pack.fixed), len(dense.M)
+    w2, shapes = eigh((dense.B + dense.W + N * dense.G)[inside], dense.M[inside])
+    fast = w2 > highest**2
+    heavy = dense.M[inside] @ shapes[:, fast]
+    slow = np.zeros((n, n))
+    slow[inside] = (heavy * (w2[fast] / highest**2 - 1)) @ heavy.T
+    M = dense.M + slow
+    pack = pack._replace(bw=n - 1, weight=np.ascontiguousarray(weights(M)), slow=slow, give=inverse_of(M, inside))
+    return pack, dense._replace(M=M)
+
+
 def discretise(
     scene: sc.Scene, mesh: Mesh, space: Space, chord: Chord, basis: np.ndarray, loads: Loads, dense: Matrices
 ) -> Transverse:
@@ -362,16 +404,13 @@ def discretise(
             slope.append(across / along)
     fixed = sorted([*fixed, *clamp, n - 1])
 
-    free = np.ones(n, dtype=bool)
-    free[fixed] = False
+    inside = free_of(n, fixed)
     L = np.eye(n)
-    L[np.ix_(free, free)] = np.linalg.cholesky(dense.M[np.ix_(free, free)])
+    L[inside] = np.linalg.cholesky(dense.M[inside])
     pivot = np.diagonal(L)
     lower = np.zeros((n, bw))
     for m in range(1, bw + 1):
         lower[m:, m - 1] = np.diagonal(L / pivot, -m)
-    size = np.sqrt(np.where(np.diagonal(dense.M) > 0, np.diagonal(dense.M), 1.0))
-    weight = np.diagonal(dense.M) * float(np.linalg.eigvalsh(dense.M / np.outer(size, size))[-1])
 
     cuts = cuts_of(scene, mesh)
     give, late = compliance(scene, mesh, cuts[:-1], cuts[1:])
@@ -388,14 +427,15 @@ def discretise(
 
     return Transverse(
         axes=(0.0, 0.0), bw=bw, load_factor=1.0, fixed=np.array(fixed, dtype=np.int64),
-        held=np.array([0, 1], dtype=np.int64), weight=floats(weight),
+        held=np.array([0, 1], dtype=np.int64), weight=floats(weights(dense.M)),
         motion=motion_pack([scene.end_a, scene.end_b], basis)._replace(home=np.zeros((2, 2))),
         frame=floats(chord.frame),
         ends=np.array([[0, space.place[0]], [n - 1, space.place[-1]]], dtype=np.int64),
         clamp=np.array(clamp, dtype=np.int64), slope=floats(slope), M=diagonals(dense.M, bw),
         K=diagonals(dense.B + dense.W, bw), B=diagonals(dense.B, bw), W=diagonals(dense.W, bw),
         G=diagonals(dense.G, bw), C=diagonals(dense.C, bw) if dense.C.any() else np.zeros((0, n)),
-        lower=lower, inverse=floats(1 / pivot**2), load=dense.load, pull=pull,
+        slow=np.zeros((0, 0)), lower=lower, inverse=floats(1 / pivot**2),
+        give=inverse_of(dense.M, inside) if n <= SHORT else np.zeros((0, 0)), load=dense.load, pull=pull,
         loss=float(late @ np.diff(cuts)) * pull**2, stretch=chord.length - scene.length, first=first,
         shape=floats(shape.reshape(-1, bw + 1)), cn=floats(dense.cn[wet]),
         stream=floats(stream_at(scene, chord, basis, dense.at[wet])[:, 1]),
