@@ -19,6 +19,7 @@ import signal
 import sys
 import traceback
 from collections.abc import Callable, Sequence
+from contextlib import suppress
 from dataclasses import replace
 from multiprocessing.connection import Connection
 from pathlib import Path
@@ -30,6 +31,7 @@ from .point import Order, Point, Record
 from .space import made
 
 PR_SET_PDEATHSIG, PR_SET_NAME = 1, 15
+M_TRIM_THRESHOLD, M_MMAP_THRESHOLD = -1, -3  # of glibc
 MOST_MESSAGE = 500  # characters of a row's message that are kept
 
 
@@ -41,6 +43,16 @@ def die_with_parent(parent: int) -> None:
         kernel.prctl(PR_SET_NAME, b"sweep.child")  # a fork has its parent's command line
     if os.getppid() != parent:
         os._exit(0)
+
+
+def keep_memory() -> None:
+    """Let freed memory stay with this process: to give the pages of a run's signals back and fault them in again at the
+    next point took 7 % of points of 50 ms (3.4 to 4.5 ms of system time each)."""
+    if sys.platform == "linux":
+        with suppress(AttributeError):  # another library than glibc
+            mallopt = ctypes.CDLL(None).mallopt
+            mallopt(M_TRIM_THRESHOLD, 256 << 20)
+            mallopt(M_MMAP_THRESHOLD, 32 << 20)
 
 
 def locate(name: str) -> Callable[..., Any]:
@@ -131,6 +143,7 @@ def numbered(record: Record, objectives: Sequence[str]) -> Record:
 def work(parent: int, pipe: Connection) -> int:
     """Everything a child does, for the process ``parent``; returns its exit code."""
     die_with_parent(parent)
+    keep_memory()
     faulthandler.enable()
     try:
         evaluator, *warm_ups = pipe.recv()

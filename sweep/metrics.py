@@ -227,7 +227,7 @@ def off_plane(x: np.ndarray) -> float:
 def angles_turned(x: np.ndarray) -> np.ndarray:
     """(nt,) sum of the angles between neighbouring segments [rad]: 2 pi and more where there is a loop."""
     chord = np.diff(x, axis=1)
-    chord = chord / np.maximum(np.sqrt(_square(chord)), 1e-300)[..., None]
+    chord /= np.maximum(np.sqrt(_square(chord)), 1e-300)[..., None]
     return 2 * np.arcsin(np.minimum(np.sqrt(_square(np.diff(chord, axis=1))) / 2, 1.0)).sum(axis=1)
 
 
@@ -291,7 +291,9 @@ def transverse(response: Response, name: str = "position", inside: slice = slice
     tangent = response.signals["static_tangent"]
     field = response.signals[name][inside]
     field = field - response.signals["static_position"] if name == "position" else field.copy()
-    shift = np.einsum("tna,na->tn", field, tangent)
+    shift = field[:, :, 0] * tangent[:, 0]
+    for axis in range(1, field.shape[2]):
+        shift += field[:, :, axis] * tangent[:, axis]
     for axis in range(field.shape[2]):  # one plane at a time: no temporary of the full size
         field[:, :, axis] -= shift * tangent[:, axis]
     return field
@@ -354,7 +356,11 @@ def count_jumps(y: np.ndarray, y0: float, start: int = 0, stop: int | None = Non
 
 
 def _square(field: np.ndarray) -> np.ndarray:
-    return np.einsum("...a,...a->...", field, field)
+    """Squared size of vectors, one component at a time: a third of the time of a sum over a last axis of three."""
+    total = field[..., 0] * field[..., 0]
+    for axis in range(1, field.shape[-1]):
+        total += field[..., axis] * field[..., axis]
+    return total
 
 
 def _columns(stroke: np.ndarray | None, nt: int) -> np.ndarray:

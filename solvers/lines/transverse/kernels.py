@@ -15,8 +15,8 @@ w is a sum of cubic splines: with K, G, M the matrices of bending and W, of slop
 F = M a + (K + N G) q + C v + drag - load; rows of u_a and u_b hold the pull on the ends. Matrices are symmetric and
 stored by diagonals, D[m, i] = D(i, i + m).
 
-Where masses are scaled, a full matrix adds to M. Its inverse is then a full one too, as it is on short lines, on which
-that is quicker than to solve by bands.
+Where masses are scaled, M is full but for the rows of prescribed dofs, which stay those of the bands. Its inverse is
+then a full matrix too, as it is on short lines, where that is quicker than to solve by bands.
 """
 
 from __future__ import annotations
@@ -55,6 +55,31 @@ def times(D, x, y):
 
 
 @kernel
+def multiply(A, x, y):
+    """y = A x for a symmetric full matrix, four rows at a time, which the processor adds side by side."""
+    n = len(x)
+    whole = n - n % 4
+    for i in range(n):
+        y[i] = 0.0
+    for j in range(0, whole, 4):
+        a, b, c, d = x[j], x[j + 1], x[j + 2], x[j + 3]
+        for i in range(n):
+            y[i] += (A[j, i] * a + A[j + 1, i] * b) + (A[j + 2, i] * c + A[j + 3, i] * d)
+    for j in range(whole, n):
+        for i in range(n):
+            y[i] += A[j, i] * x[j]
+
+
+@kernel
+def momentum(pack, x, y):
+    """y = M x"""
+    if len(pack.full) > 0:
+        multiply(pack.full, x, y)
+    else:
+        times(pack.M, x, y)
+
+
+@kernel
 def product(x, y):
     """x.y in four partial sums, which the processor adds side by side."""
     a, b, c, d = 0.0, 0.0, 0.0, 0.0
@@ -84,7 +109,7 @@ def crossing(p, v, pack):
     """Velocity of point p against the water."""
     i = pack.first[p]
     u = -pack.load_factor * pack.stream[p]
-    for m in range(pack.shape.shape[1]):
+    for m in range(pack.width[p]):
         u += pack.shape[p, m] * v[i + m]
     return u
 
@@ -95,7 +120,7 @@ def water(v, pack, r):
         u = crossing(p, v, pack)
         f = pack.cn[p] * abs(u) * u
         i = pack.first[p]
-        for m in range(pack.shape.shape[1]):
+        for m in range(pack.width[p]):
             r[i + m] += f * pack.shape[p, m]
 
 
@@ -149,13 +174,9 @@ def forces(q, v, pack, r):
 
 def residual(t, q, v, a, pack, r):
     forces(q, v, pack, r)
-    times(pack.M, a, pack.z)
+    momentum(pack, a, pack.z)
     for i in range(len(r)):
         r[i] += pack.z[i]
-    if len(pack.slow) > 0:
-        multiply(pack.slow, a, pack.z)
-        for i in range(len(r)):
-            r[i] += pack.z[i]
 
 
 @kernel
@@ -173,22 +194,6 @@ def solve_mass(pack, x):
         s = x[i]
         for m in range(1, min(bw, i) + 1):
             x[i - m] -= pack.lower[i, m - 1] * s
-
-
-@kernel
-def multiply(A, x, y):
-    """y = A x for a symmetric full matrix, four rows at a time, which the processor adds side by side."""
-    n = len(x)
-    whole = n - n % 4
-    for i in range(n):
-        y[i] = 0.0
-    for j in range(0, whole, 4):
-        a, b, c, d = x[j], x[j + 1], x[j + 2], x[j + 3]
-        for i in range(n):
-            y[i] += (A[j, i] * a + A[j + 1, i] * b) + (A[j + 2, i] * c + A[j + 3, i] * d)
-    for j in range(whole, n):
-        for i in range(n):
-            y[i] += A[j, i] * x[j]
 
 
 def accelerate(t, q, v, a, pack, r):
@@ -243,10 +248,12 @@ def tangent(t, q, v, a, cq, cv, ca, pack, J):
     J[:] = 0.0
     bw = pack.bw
     e, rate = stretching(q, v, pack)
-    add_band(ca, pack.M, bw, J)
-    for i in range(len(pack.slow)):
-        for m in range(len(pack.slow)):
-            J[i, bw + m - i] += ca * pack.slow[i, m]
+    if len(pack.full) > 0:
+        for i in range(len(v)):
+            for m in range(len(v)):
+                J[i, bw + m - i] += ca * pack.full[i, m]
+    else:
+        add_band(ca, pack.M, bw, J)
     if cq != 0.0:
         add_band(cq, pack.K, bw, J)
         add_band(cq * (pack.pull * e + pack.loss * rate), pack.G, bw, J)
@@ -255,8 +262,8 @@ def tangent(t, q, v, a, cq, cv, ca, pack, J):
     for p in range(len(pack.cn)):
         c = cv * 2.0 * pack.cn[p] * abs(crossing(p, v, pack))
         i = pack.first[p]
-        for m in range(pack.shape.shape[1]):
-            for n in range(pack.shape.shape[1]):
+        for m in range(pack.width[p]):
+            for n in range(pack.width[p]):
                 J[i + m, bw + n - m] += c * pack.shape[p, m] * pack.shape[p, n]
     for d in range(len(pack.slot)):
         h, k = pack.host[d], pack.slot[d]
@@ -302,10 +309,8 @@ def losses(t, q, v, a, pack, e):
 def energies(t, q, v, a, pack, e):
     e[:] = 0.0
     x, rate = stretching(q, v, pack)
-    e[KINETIC] = form(pack.M, v, pack)
-    if len(pack.slow) > 0:
-        multiply(pack.slow, v, pack.z)
-        e[KINETIC] += 0.5 * product(v, pack.z)
+    momentum(pack, v, pack.z)
+    e[KINETIC] = 0.5 * product(v, pack.z)
     e[STRAIN] = form(pack.B, q, pack) + 0.5 * pack.pull * x * x
     e[GRAVITY] = form(pack.W, q, pack) - pack.load_factor * product(pack.load, q)
     lose(rate, q, v, pack, e)
@@ -324,8 +329,4 @@ def gaps(t, q, v, pack, g):
 
 
 def heft(t, q, e, pack, r):
-    times(pack.M, e, r)
-    if len(pack.slow) > 0:
-        multiply(pack.slow, e, pack.z)
-        for i in range(len(r)):
-            r[i] += pack.z[i]
+    momentum(pack, e, r)

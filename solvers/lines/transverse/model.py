@@ -316,9 +316,8 @@ class TransverseModel:
             return 0.0
         p, home = self.pack, signals["static_position"]
         span = self.basis.T @ self.chord.frame.T
-        moved = signals["position"] - home
-        w = moved @ span[:, 1]
-        u = moved[:, [0, -1]] @ span[:, 0]
+        w = signals["position"] @ span[:, 1] - home @ span[:, 1]
+        u = (signals["position"][:, [0, -1]] - home[[0, -1]]) @ span[:, 0]
         N = signals["tension"][:, 0] - self.loads.W((self.s[1:2] + self.s[:1]) / 2)
         slope2 = 2 * (N / p.pull - p.stretch - (u[:, 1] - u[:, 0])) / self.scene.length
         size = math.sqrt(float(np.mean(w**2)))
@@ -328,10 +327,13 @@ class TransverseModel:
         slow, m = self._axial()
         omega = 2 * math.pi * np.fft.rfftfreq(len(t), float(t[-1] - t[0]) / (len(t) - 1))
         ds = np.diff(self.s)
-        local = (np.diff(w, axis=1) / ds) ** 2
+        local = np.diff(w, axis=1)
+        local /= ds
+        local *= local
         local -= (local @ ds / ds.sum())[:, None]
+        local *= local
         give = 1 / (p.pull * self.scene.length)
-        uneven = 0.5 / give * np.sqrt(local**2 @ ds / ds.sum())
+        uneven = 0.5 / give * np.sqrt(local @ ds / ds.sum())
         push = (N - N.mean() + uneven) * np.sqrt(np.mean(signals["curvature"] ** 2, axis=1))
         wrong = np.fft.rfft(push) * np.minimum(0.5 * (omega * slow) ** 2, 1.0)
         wrong /= m * np.maximum(omega, self.spectrum()[0]) ** 2

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from functools import lru_cache
 from itertools import pairwise
 from typing import Any, NamedTuple
 
@@ -41,16 +42,17 @@ class Transverse(NamedTuple):
     W: np.ndarray  # weight along the chord int W phi' phi'/c
     G: np.ndarray  # int phi' phi'/c [1/m]
     C: np.ndarray  # bending's damping int BI phi'' phi''/c2, or (0, ndof)
-    slow: np.ndarray  # (ndof, ndof) inertia that slows what the mesh does not resolve, or (0, 0) [kg]
+    full: np.ndarray  # (ndof, ndof) M with what slows unresolved motions, or (0, 0) where nothing does
     lower: np.ndarray  # (ndof, bw) factors of M at the free dofs
     inverse: np.ndarray  # (ndof,)
-    give: np.ndarray  # (ndof, ndof) inverse of M + slow at the free dofs in their place, or (0, 0)
+    give: np.ndarray  # (ndof, ndof) inverse of M at the free dofs in their place, or (0, 0)
     load: np.ndarray  # (ndof,) steady forces [N]
     pull: float  # 1/int ds/EA [N/m]
     loss: float  # int BA/EA2 ds pull2 [N s/m]
     stretch: float  # chord less unstretched length [m]
     first: np.ndarray  # (np,) drag points: first dof, shape functions, constants [N s2/m2], current along n [m/s]
-    shape: np.ndarray  # (np, bw + 1)
+    width: np.ndarray  # (np,) and how many
+    shape: np.ndarray  # (np, most of them)
     cn: np.ndarray  # (np,) or (0,)
     stream: np.ndarray
     host: np.ndarray  # (nd,) dof of a device's host
@@ -168,9 +170,17 @@ def number(scene: sc.Scene, mesh: Mesh) -> Space:
 
 
 def basis_functions(knots: np.ndarray, x: np.ndarray, order: int) -> np.ndarray:
-    """(len(x), spans + 3) derivatives of the cubic B-splines on the knots."""
-    t = np.concatenate([knots[:1].repeat(DEGREE), knots, knots[-1:].repeat(DEGREE)])
-    return BSpline(t, np.eye(len(knots) + 2), DEGREE)(x, order)
+    """(len(x), spans + 3) derivatives of the cubic B-splines on the knots, not to be written to."""
+    return _basis_functions(knots.tobytes(), x.tobytes(), order)
+
+
+@lru_cache(maxsize=512)  # the designs of a study have the same pieces
+def _basis_functions(knots: bytes, x: bytes, order: int) -> np.ndarray:
+    k = np.frombuffer(knots)
+    t = np.concatenate([k[:1].repeat(DEGREE), k, k[-1:].repeat(DEGREE)])
+    found = np.asarray(BSpline(t, np.eye(len(k) + 2), DEGREE)(np.frombuffer(x), order))
+    found.flags.writeable = False
+    return found
 
 
 class Loads(NamedTuple):
@@ -378,10 +388,9 @@ def slowed(pack: Transverse, dense: Matrices, N: float, highest: float) -> tuple
     w2, shapes = eigh((dense.B + dense.W + N * dense.G)[inside], dense.M[inside])
     fast = w2 > highest**2
     heavy = dense.M[inside] @ shapes[:, fast]
-    slow = np.zeros((n, n))
-    slow[inside] = (heavy * (w2[fast] / highest**2 - 1)) @ heavy.T
-    M = dense.M + slow
-    pack = pack._replace(bw=n - 1, weight=np.ascontiguousarray(weights(M)), slow=slow, give=inverse_of(M, inside))
+    M = dense.M.copy()
+    M[inside] += (heavy * (w2[fast] / highest**2 - 1)) @ heavy.T
+    pack = pack._replace(bw=n - 1, weight=np.ascontiguousarray(weights(M)), full=M, give=inverse_of(M, inside))
     return pack, dense._replace(M=M)
 
 
@@ -416,9 +425,11 @@ def discretise(
     give, late = compliance(scene, mesh, cuts[:-1], cuts[1:])
     pull = 1 / float(give @ np.diff(cuts))
     wet = dense.cn > 0
-    window = np.arange(bw + 1)
-    first = np.array([min(int(np.flatnonzero(row)[0]), n - bw - 1) for row in dense.shape[wet]], dtype=np.int64)
-    shape = np.array([row[k + window] for row, k in zip(dense.shape[wet], first, strict=True)])
+    ends = np.array([np.flatnonzero(row)[[0, -1]] for row in dense.shape[wet]], dtype=np.int64).reshape(-1, 2)
+    first, width = ends[:, 0].copy(), ends[:, 1] - ends[:, 0] + 1
+    shape = np.zeros((len(first), int(width.max(initial=0))))
+    for row, k, many, out in zip(dense.shape[wet], first, width, shape, strict=True):
+        out[:many] = row[k : k + many]
     own = [(j, scene.devices[m.device]) for j, m in enumerate(mesh.mounts) if m.device >= 0]
     slides = space.slot[[j for j, _ in own]]
 
@@ -434,10 +445,10 @@ def discretise(
         clamp=np.array(clamp, dtype=np.int64), slope=floats(slope), M=diagonals(dense.M, bw),
         K=diagonals(dense.B + dense.W, bw), B=diagonals(dense.B, bw), W=diagonals(dense.W, bw),
         G=diagonals(dense.G, bw), C=diagonals(dense.C, bw) if dense.C.any() else np.zeros((0, n)),
-        slow=np.zeros((0, 0)), lower=lower, inverse=floats(1 / pivot**2),
+        full=np.zeros((0, 0)), lower=lower, inverse=floats(1 / pivot**2),
         give=inverse_of(dense.M, inside) if n <= SHORT else np.zeros((0, 0)), load=dense.load, pull=pull,
         loss=float(late @ np.diff(cuts)) * pull**2, stretch=chord.length - scene.length, first=first,
-        shape=floats(shape.reshape(-1, bw + 1)), cn=floats(dense.cn[wet]),
+        width=width, shape=shape, cn=floats(dense.cn[wet]),
         stream=floats(stream_at(scene, chord, basis, dense.at[wet])[:, 1]),
         host=np.array(space.place[[j for j, _ in own]], dtype=np.int64), slot=np.array(slides, dtype=np.int64),
         side=floats([slide_side(x, chord, basis) for _, x in own]),
