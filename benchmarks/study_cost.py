@@ -25,6 +25,7 @@ from transverse import MEMBER, STUDY
 
 from solvers import Ask, catalogue, solve
 from solvers.lines.transverse import TransverseModel
+from sweep.child import keep_memory
 from sweep.metrics import Summary, compute, summarise
 from sweep.space import baseline_scene, design_scene, designs
 
@@ -98,12 +99,13 @@ Errors = dict[tuple[int, Way], tuple[float, float]]  # rms and largest
 
 
 def label_of(way: Way) -> str:
-    return way[0] if way[1] is None else f"{way[0]}, {way[1]:g} per wave"
+    return way[0] if way[1] is None else f"{way[0]}, masses scaled to {way[1]:g}"
 
 
 def draw(rows: Costs, errors: Errors, path: Path) -> None:
     import matplotlib
     from matplotlib.figure import Figure
+    from matplotlib.ticker import FixedLocator, NullLocator
 
     from sweep.labels import BASE, BEST, DESIGN, FAIR, SKY, STYLE
 
@@ -116,9 +118,10 @@ def draw(rows: Costs, errors: Errors, path: Path) -> None:
             cost.bar(x, height, 0.7, bottom=bottom, color=colour, label=name)
             bottom += height
         cost.axhline(60.0, color="k", lw=0.8, label="60 s for 2000 designs on two cores")
-        cost.set_xticks(x, [f"{n} {label_of(way)}" for n, way in rows], rotation=60, ha="right", fontsize=8)
+        names = [f"{n} {way[0]}{' scaled' * (way[1] is not None)}" for n, way in rows]
+        cost.set_xticks(x, names, rotation=60, ha="right", fontsize=8)
         cost.set(ylabel="processor time of a design [ms]")
-        cost.set_title("a  by spans and method")
+        cost.set_title("a  cost by spans and method")
         cost.legend(loc="upper left")
         for way, marker in ((WAYS[1], "o"), (WAYS[2], "s")):
             mine = sorted(n for n, other in errors if other == way and (n, way) in rows)
@@ -129,6 +132,11 @@ def draw(rows: Costs, errors: Errors, path: Path) -> None:
         error.axhline(5.0, color="0.5", lw=0.8, ls="--")
         error.axvline(60.0, color="k", lw=0.8)
         error.set(xscale="log", yscale="log", xlabel="processor time of a design [ms]", ylabel="error of Δ, rms [%]")
+        for axis, ticks in ((error.xaxis, (30, 60, 100, 200)), (error.yaxis, (3, 5, 10, 15))):
+            axis.set_major_locator(FixedLocator(ticks))
+            axis.set_major_formatter("{x:g}")
+            axis.set_minor_locator(NullLocator())
+        error.set_ylim(top=2.5 * error.get_ylim()[1])
         error.set_title("b  error against cost, by spans")
         error.legend(loc="upper right")
         path.parent.mkdir(parents=True, exist_ok=True)
@@ -144,6 +152,7 @@ def main() -> None:
     parser.add_argument("--finest", type=int, default=120, help="spans that Delta is compared with")
     parser.add_argument("--out", type=Path, help="folder of study_cost.png")
     options = parser.parse_args()
+    keep_memory()  # as the children of a run do
     timed(catalogue, "marched", "march")
     for name in ("observe", "run_error", "validity"):
         timed(TransverseModel, name, "signals")
