@@ -23,6 +23,7 @@ import time
 from collections import Counter
 from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
@@ -69,6 +70,15 @@ def timed(scene: Scene, ask: Ask) -> float:
 # ------------------------------------------------------------------------------------------------- chart
 
 
+SPANS = (20, 24, 32, 40, 60, 80)
+SCALED = "transverse, srkn4, masses scaled to 3.6"
+LINES: dict[str, tuple[tuple[int, ...], dict[str, Any]]] = {
+    "transverse": (SPANS, {"model": "transverse"}),
+    SCALED: (SPANS, {"model": "transverse", "method": "srkn4", "mass_scaling": 3.6}),
+    "lumped": ((40, 80, 160), {"model": "lumped"}),
+}  # fmt: skip
+
+
 def chart(out: Path | None) -> None:
     file = np.load(ROOT / "tests" / "reference" / "plain_cable.npz")
     t, x = file["t"].astype(float), file["x"].astype(float)
@@ -83,23 +93,25 @@ def chart(out: Path | None) -> None:
     rows: dict[str, dict[str, list[tuple[float, float]]]] = {}
     for name, (scene, ask, places, exact, long) in cases.items():
         print(f"{name}\n| line | N | status | error | CPU s | steps | energy residual |\n|---|---|---|---|---|---|---|")
-        rows[name] = {"transverse": [], "lumped": []}
-        order = [("transverse", n) for n in (20, 24, 32, 40, 60, 80)] + [("lumped", n) for n in (40, 80, 160)]
-        for model, n in order:
-            run = solve(scene, replace(ask, model=model, segments=n))
-            cost = timed(scene, replace(ask, model=model, segments=n, duration=long, interval=1e-3))
-            error = relative(offsets(run, places), exact)
-            rows[name][model].append((cost, error))
-            print(f"| {model} | {n} | {run.status.name} | {error:.4f} | {cost:.3f} | {run.cost.steps} "
-                  f"| {run.energy_residual:.1e} |", flush=True)  # fmt: skip
-        print(f"at equal error lumped costs {gain(rows[name]):.0f} times as much\n")
+        rows[name] = {line: [] for line in LINES}
+        for line, (meshes, change) in LINES.items():
+            for n in meshes:
+                asked = replace(ask, segments=n, **change)
+                run = solve(scene, asked)
+                cost = timed(scene, replace(asked, duration=long, interval=1e-3))
+                error = relative(offsets(run, places), exact)
+                rows[name][line].append((cost, error))
+                print(f"| {line} | {n} | {run.status.name} | {error:.4f} | {cost:.3f} | {run.cost.steps} "
+                      f"| {run.energy_residual:.1e} |", flush=True)  # fmt: skip
+        gains = ", ".join(f"{gain(rows[name], line):.0f} times {line}" for line in rows[name] if line != "lumped")
+        print(f"at equal error lumped costs {gains}\n")
     if out:
         draw(rows, out / "transverse.png")
 
 
-def gain(curves: dict[str, list[tuple[float, float]]]) -> float:
-    """Cost of the finest lumped mesh over that of the transverse line at its error, between meshes by power laws."""
-    cost, error = np.log(np.array(curves["transverse"])).T
+def gain(curves: dict[str, list[tuple[float, float]]], line: str) -> float:
+    """Cost of the finest lumped mesh over that of a line at its error, between meshes by power laws."""
+    cost, error = np.log(np.array(curves[line])).T
     dear, reached = curves["lumped"][-1]
     return float(dear / np.exp(np.interp(-math.log(reached), -error, cost)))
 
@@ -128,8 +140,9 @@ def ensemble(members: int) -> None:
     scene, base = STUDY.scene, baseline_scene(STUDY.scene, "locked")
     names = ("delta", "gamma", "energy_share_device", "rms_reduction")
     print(f"| line | N | {' | '.join(names)} | CPU s | status |\n|---|---|{'---|' * (len(names) + 2)}")
-    for model, n in (*(("lumped", n) for n in (80, 160)), *(("transverse", n) for n in (24, 40, 60, 120))):
-        ask = Ask(duration=5.0, segments=n, model=model, method="dopri5")
+    meshes = {"lumped": (80, 160), "transverse": (24, 40, 60, 120), SCALED: (32, 40, 60)}
+    for line, n in ((line, n) for line, given in meshes.items() for n in given):
+        ask = replace(Ask(duration=5.0, segments=n, method="dopri5"), **LINES[line][1])
         still = summarise(solve(base, ask), base, STUDY.settings)
         found, cost, status = [], 0.0, Counter[str]()
         for seed in range(members):
@@ -141,7 +154,7 @@ def ensemble(members: int) -> None:
             found.append([row[x] for x in names])
         mean, error = np.mean(found, axis=0), np.std(found, axis=0, ddof=1) / math.sqrt(members)
         cells = " | ".join(f"{a:.4f} ± {b:.4f}" for a, b in zip(mean, error, strict=True))
-        print(f"| {model} | {n} | {cells} | {cost / members:.3f} | {dict(status)} |", flush=True)
+        print(f"| {line} | {n} | {cells} | {cost / members:.3f} | {dict(status)} |", flush=True)
 
 
 # ------------------------------------------------------------------------------------------------- range

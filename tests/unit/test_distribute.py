@@ -53,6 +53,21 @@ def test_a_point_that_dies_does_not_take_the_next_one_with_it():
     assert seen == ["OK"] * 4 + ["CRASHED", "OK", "OK", "ERROR", "CRASHED", "OK", "OK"]
 
 
+@pytest.mark.skipif(sys.platform != "linux", reason="page faults are counted as Linux does")
+def test_a_child_keeps_the_memory_that_its_points_free():
+    """Three arrays of 3.2 MB, again and again: their 2300 pages are faulted in once, not each time."""
+    code = (
+        "import resource, numpy\n"
+        "from sweep.child import keep_memory\n"
+        "keep_memory()\n"
+        "def work(): return sum(x[0] for x in [numpy.ones(400_000) for _ in range(3)])\n"
+        "faults = lambda: resource.getrusage(resource.RUSAGE_SELF).ru_minflt\n"
+        "work(); before = faults(); [work() for _ in range(20)]; print(faults() - before)"
+    )
+    ended = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
+    assert int(ended.stdout) < 2300
+
+
 def test_memory_is_limited_in_leaps_and_in_small_steps():
     """At once by the kernel's limit on data; where that is not had, by looking at the process."""
     limited = job(memory_limit=700.0, time_limit=30.0)
