@@ -6,8 +6,8 @@ Designs of configs/bnes_study.yaml, 5 s each, one process, one core. `march` is 
 what makes a model of a scene and its start; `signals` what makes signals of states, and checks them; `metrics` their
 reduction. Beside the total, what 2000 designs would take on two cores that do nothing else.
 
-The error is that of Delta, against locked masses: the mean of some perturbed runs of each of the first designs, against
-that of the finest mesh without scaling.
+Errors are those of Delta and Gamma, against locked masses: means of some perturbed runs of each of the first designs,
+against those of the finest mesh without scaling.
 """
 
 from __future__ import annotations
@@ -78,9 +78,9 @@ def costs(count: int, n: int, way: Way) -> dict[str, Any]:
             "status": dict(status)}  # fmt: skip
 
 
-def deltas(count: int, n: int, way: Way, members: int) -> tuple[np.ndarray, np.ndarray]:
-    """(count,) Delta of each of the first designs, the mean of its members, and their standard deviation; members that
-    are not trusted are left out."""
+def ensembles(count: int, n: int, way: Way, members: int) -> tuple[np.ndarray, np.ndarray]:
+    """(2, count) Delta and Gamma of each of the first designs, the mean of its members, and their standard deviation;
+    members that are not trusted are left out."""
     ask, found = ask_of(n, way), []
     base = base_of(ask)
     for values in designs(STUDY, count):
@@ -88,9 +88,10 @@ def deltas(count: int, n: int, way: Way, members: int) -> tuple[np.ndarray, np.n
         for seed in range(members):
             run = solve(scene, replace(ask, perturbation=MEMBER, seed=seed))
             if run.trusted:
-                rows.append(compute(summarise(run, scene, STUDY.settings), base, len(scene.devices))["delta"])
-        found.append((np.mean(rows), np.std(rows, ddof=1)))
-    mean, spread = np.array(found).T
+                row = compute(summarise(run, scene, STUDY.settings), base, len(scene.devices))
+                rows.append((row["delta"], row["gamma"]))
+        found.append((np.mean(rows, axis=0), np.std(rows, axis=0, ddof=1)))
+    mean, spread = np.array(found).transpose(1, 2, 0)
     return mean, spread
 
 
@@ -165,18 +166,21 @@ def main() -> None:
             shown = " | ".join(f"{r[k]:.1f}" for k in ("total", "march", "signals", "metrics", "model"))
             print(f"| {n} | {label_of(way)} | {shown} | {r['steps']} | {r['worst']:.1e} | {r['status']} "
                   f"| {r['total']:.0f} |", flush=True)  # fmt: skip
-    true, spread = deltas(options.judged, options.finest, WAYS[1], options.members)
-    print(f"\n{options.finest} spans: Delta of {options.judged} designs {true.mean():.4f}, their standard deviation "
-          f"{true.std(ddof=1):.4f}, that of {options.members} members {spread.mean():.4f}\n")  # fmt: skip
-    print("| spans | method | error of Delta, rms | largest | mean | deviation of members |\n" + "|---" * 6 + "|")
+    true, spread = ensembles(options.judged, options.finest, WAYS[1], options.members)
+    print()
+    for name, values, each in zip(("Delta", "Gamma"), true, spread, strict=True):
+        print(f"{options.finest} spans: {name} of {options.judged} designs {values.mean():.4f}, their deviation "
+              f"{values.std(ddof=1):.4f}, that of {options.members} members {each.mean():.4f}")  # fmt: skip
+    print("\n| spans | method | error of Delta, rms | largest | mean | deviation of members | error of Gamma, rms "
+          "| deviation of members |\n" + "|---" * 8 + "|")  # fmt: skip
     errors: Errors = {}
     for n in options.spans:
         for way in WAYS[1:]:
-            mean, spread = deltas(options.judged, n, way, options.members)
-            off = mean / true - 1
+            mean, spread = ensembles(options.judged, n, way, options.members)
+            off, gamma = mean[0] / true[0] - 1, float(np.sqrt(np.mean((mean[1] - true[1]) ** 2)))
             errors[n, way] = float(np.sqrt(np.mean(off**2))), float(np.abs(off).max())
             print(f"| {n} | {label_of(way)} | {errors[n, way][0]:.3f} | {errors[n, way][1]:.3f} | {off.mean():+.3f} "
-                  f"| {spread.mean():.4f} |", flush=True)  # fmt: skip
+                  f"| {spread[0].mean():.4f} | {gamma:.3f} | {spread[1].mean():.3f} |", flush=True)  # fmt: skip
     if options.out:
         draw(rows, errors, options.out / "study_cost.png")
 
