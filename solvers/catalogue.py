@@ -266,7 +266,7 @@ def cheapest(scene: sc.Scene, ask: Ask) -> Choice:
             method, how = "harmonic", "the motion is periodic: its settled response, without the way there"
         why = f"{how}; {why}"
     if ask.mass_scaling is not None:
-        why = f"{why}; free motions of fewer than {ask.mass_scaling:g} spans per wave slowed"
+        why = f"{why}; motions of fewer than {ask.mass_scaling:g} spans per wave everywhere slowed"
     why = f"{because}; {why}" if because else why
     if method == "harmonic":
         reason = settled.why_not(scene, ask.harmonics)
@@ -887,6 +887,9 @@ def march(
         status = Status.DIVERGED if code == Status.OK else code
         message = f"stopped at t = {grid[done - 1]:.6g} s" if done else f"stopped before t = {grid[0]:.6g} s"
         message = f"{message}; {note}" if guard != Status.OK else message
+    if status == Status.OK and ask.mass_scaling is not None:
+        status, slow = model.slowed(out.v)
+        message = slow or message
     if status != Status.OK:
         message = f"{message}; {REMEDY[status]}" if message else REMEDY[status]
     if valid != Status.OK:

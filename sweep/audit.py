@@ -112,7 +112,7 @@ def costlier(scene: Scene, ask: Ask, row: dict[str, Any], wanted: Wanted) -> Ask
         step = None if ask.step is None else ask.step / FINER
         return replace(
             ask, model=model, method=method, segments=wanted.segments or FINER * n, tolerance=tight, step=step,
-            harmonics=None, checked_tolerance=None,
+            harmonics=None, checked_tolerance=None, mass_scaling=None,
         )  # fmt: skip
     line = MODELS[model]
     falls = line.order < MODELS[used].order

@@ -323,7 +323,7 @@ class AskSection:
     interval: Positive = 1e-3  # [s]
     output_from: NonNegative = 0.0  # [s]
     rho_space: Fraction = 1.0  # rod, catenary, hybrid: 1 closes the energy balance, less damps along s
-    mass_scaling: Annotated[Number, Field(ge=2, le=100)] | None = None  # transverse: spans in the shortest wave kept
+    mass_scaling: Annotated[Number, Field(ge=2, le=20)] | None = None  # transverse: spans in the shortest wave kept
     rods: tuple[tuple[NonNegative, NonNegative], ...] | None = None  # hybrid: [[from, to], ...] [m]; null: adaptive
     harmonics: Annotated[int, BeforeValidator(_no_bool), Field(ge=1, le=200)] | None = None
     max_steps: Count = 20_000_000
@@ -1003,7 +1003,10 @@ def _check_own(draft: Draft, sound: Sound) -> None:
     if draft.sure("ask", "rods") and ask.rods is not None and ask.model != "hybrid":
         given = [list(pair) for pair in ask.rods]
         draft.add("ask.rods", given, f"only a hybrid has rods in places, not `{ask.model}`", "write `model: hybrid`")
-    if draft.sure("ask", "mass_scaling") and ask.mass_scaling is not None and ask.model not in SCALED:
+    if "ask.mass_scaling" in varied and ask.model not in SCALED:
+        problem = "does not read `ask.mass_scaling`, which is varied"
+        draft.add("ask.model", ask.model, problem, f"write `model: {SCALED[0]}`")
+    elif draft.sure("ask", "mass_scaling") and ask.mass_scaling is not None and ask.model not in SCALED:
         problem = f"slows free motions of {', '.join(SCALED)} alone, not of `{ask.model}`"
         draft.add("ask.mass_scaling", ask.mass_scaling, problem, f"remove it, or write `model: {SCALED[0]}`")
     if draft.sure("ask", "rho_space") and ask.rho_space != 1 and ask.model not in FAMILY:

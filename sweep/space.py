@@ -261,8 +261,7 @@ def point_key(scene: Scene, ask: Ask, settings: MetricSettings | None = None) ->
     16 hexadecimal digits
     """
     asked = asdict(ask)
-    younger = (("output_from", 0.0), ("rho_space", 1.0), ("checked_tolerance", None),
-               ("mass_scaling", None))  # than the first keys
+    younger = (("output_from", 0.0), ("rho_space", 1.0), ("checked_tolerance", None))  # than the first keys
     for name, usual in younger:
         if asked[name] == usual:
             del asked[name]
@@ -318,7 +317,7 @@ def baseline_scene(scene: Scene, name: str) -> Scene:
 
 def baseline_model(ask: Ask, name: str) -> Ask:
     """What is asked of a baseline as far as its name decides: ``full_rod`` is the line ``rod``."""
-    return replace(ask, model="rod", rods=None) if name == "full_rod" else ask
+    return replace(ask, model="rod", rods=None, mass_scaling=None) if name == "full_rod" else ask
 
 
 def _locked(device: Any, with_rod: bool) -> Any:

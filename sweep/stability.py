@@ -289,7 +289,8 @@ def cells(
     for value in over.values:
         here, wanted = placed(scene, base, over, value)
         for model in over.models:
-            wanted = replace(wanted, model=model)
+            scaling = wanted.mass_scaling if "mass_scaling" in MODELS[model].reads else None
+            wanted = replace(wanted, model=model, mass_scaling=scaling)
             known, slow = limits(here, wanted, model)
             truths: dict[bool, Truth] = {}
             refused: set[str] = set()

@@ -98,6 +98,23 @@ def test_mass_scaling_slows_what_the_mesh_does_not_resolve() -> None:
     assert np.abs(more).max() < 1e-9 * np.abs(slow.dense.M).max()
 
 
+def test_mass_scaling_of_a_hanging_line_of_two_sections() -> None:
+    """The highest frequency of the two sections' waves is kept, tension that weight makes included; no free motion is
+    above it; the bound of the inertia bounds the scaled one."""
+    heavy = Section(length=6.0, d=0.05, mass=40.0, EA=1e8, EI=50.0, compression=True, wet_weight=2000.0)
+    light = replace(heavy, length=4.0, mass=5.0, EI=1000.0, wet_weight=20.0)
+    scene = Scene(cable=(heavy, light), end_a=held(0), end_b=held(10 * (1 + 3e-4)))
+    plain, slow = TransverseModel(scene, 20), TransverseModel(scene, 20, 4.0)
+    T = slow.tension(slow.rest) + slow.loads.W(np.array([5.75, 6.25, 9.75]))  # the upmost span of each, the lowest
+    k2 = (2 * math.pi / (4.0 * 0.5)) ** 2
+    waves = np.sqrt((np.array([50.0, 1000.0, 1000.0]) * k2 + T) * k2 / np.array([40.0, 5.0, 5.0]))
+    assert waves[0] < 0.5 * waves[1:].max()
+    assert slow.resolved(4.0) == pytest.approx(float(waves.max()), rel=1e-12)
+    np.testing.assert_allclose(slow.spectrum(), np.minimum(plain.spectrum(), waves.max()), rtol=1e-9)
+    bound = np.diag(slow.pack.weight) - slow.dense.M
+    assert eigh(bound, eigvals_only=True)[0] > -1e-9 * slow.pack.weight.max()
+
+
 @pytest.mark.parametrize(("square", "exact"), [(1, 1.040200), (4, 1.151823), (4 * math.pi**2, 2.0), (1000, 2.848264)])
 def test_irvine(square: float, exact: float) -> None:
     """First symmetric frequency of a sagging cable over that of the taut string, against Irvine's lambda2: sag/span

@@ -391,6 +391,8 @@ def test_fields_that_contradict_one_another(scene, path, words):
         ({"ask__rho": 1.5}, "ask.rho", "less than or equal to 1"),
         ({"ask__mass_scaling": 1.0, "ask__model": "transverse"}, "ask.mass_scaling", "greater than or equal to 2"),
         ({"ask__mass_scaling": 3.6, "ask__model": "lumped"}, "ask.mass_scaling", "transverse alone, not of `lumped`"),
+        ({"variables__extra": {"field": "ask.mass_scaling", "linear": [3, 5]}, "ask__model": "lumped"}, "ask.model",
+         "does not read `ask.mass_scaling`, which is varied; write `model: transverse`"),
         ({"ask__mass_scaling": 3.6, "ask__model": "auto"}, "ask.mass_scaling", "or write `model: transverse`"),
         ({"ask__model": "lumpd"}, "ask.model", "did you mean `lumped`?"),
         ({"ask__interval": 3.0}, "ask.interval", "at most the duration"),

@@ -22,7 +22,7 @@ from sweep.metrics import angles_turned, compute, depth, gauss_writhe, off_plane
 from sweep.plan import make_plan
 from sweep.point import Point
 from sweep.series import at_last, point_label, reduce
-from sweep.space import baseline_scene, design_ask, point_key, points
+from sweep.space import baseline_model, baseline_scene, design_ask, point_key, points
 
 EVALUATOR = importlib.import_module("sweep.evaluate")  # `sweep.evaluate` is the function
 
@@ -132,6 +132,9 @@ def test_fields_at_their_defaults_do_not_change_a_key():
 
 
 def test_the_full_rod_is_another_line_of_the_same_scene():
+    scaled = Ask(duration=1.0, model="transverse", mass_scaling=3.6)
+    assert baseline_model(scaled, "full_rod") == Ask(duration=1.0, model="rod")
+    assert baseline_model(scaled, "plain") == scaled
     ask = Ask(model="hybrid", rods=((0.0, 2.0),))
     found = baseline_ask(ask, response(np.zeros((1, 5)), [0.0, 1.0][:1], v=np.zeros((1, 5))), "full_rod")
     assert (found.model, found.rods) == ("rod", None)

@@ -37,6 +37,7 @@ provides(
 )  # fmt: skip
 
 LEAST_SPANS_PER_WAVE = 3.0  # the frequency of a cubic spline's wave is then high by (k h)^4/1440, some 1.3 %
+MOST_SLOWED, SAMPLES = 0.1, 500  # share of the kinetic energy, over so many samples
 AXIAL = 4.0  # measured on the same scenes: the plain estimate is up to 3 times too small
 SLOPES = 3.0  # measured: errors of 0.7 (motion) to 2.5 (sag) times the mean squared slope, benchmarks/transverse.py
 
@@ -50,9 +51,8 @@ class TransverseModel:
         In a vertical plane, both ends held, without seabed or free devices.
     segments : int
     mass_scaling : float or None
-        Spans per wave that a free motion must have somewhere to keep its frequency. Inertia slows the others to the
-        highest one that has: a mesh does not know their frequencies anyway, but they would set the step of explicit
-        methods.
+        Spans per wave that a free motion must have somewhere on the line to keep its frequency. Inertia slows the
+        others to the highest one that has: they would set the step of explicit methods, and should carry little.
 
     Raises
     ------
@@ -84,9 +84,11 @@ class TransverseModel:
         self._sample()
         self.rest = self._static()
         self.mass_scaling = mass_scaling
+        plain = self.dense.M
         if mass_scaling is not None:
             self.pack, self.dense = slowed(self.pack, self.dense, self.tension(self.rest), self.resolved(mass_scaling))
             self.static_pack = self.pack
+        self.added = self.dense.M - plain  # (ndof, ndof) inertia that is the scaling's own [kg]
 
     def _sample(self) -> None:
         """Nodes and what turns a state into their offset, slope and curvature: knots, and rods' ends."""
@@ -241,6 +243,15 @@ class TransverseModel:
             return Status.OK, ""
         least = signals["tension"].min()
         return Status.CANNOT_REPRESENT, f"the cable goes slack (least tension {least:.3g} N): transverse cannot"
+
+    def slowed(self, v: np.ndarray) -> tuple[Status, str]:
+        """Whether motions that the scaling slows stayed small in a run with the velocities v (nt, ndof)."""
+        v = v[:: 1 + len(v) // SAMPLES]
+        own, all_ = (float(np.einsum("ti,ti->", v @ M, v)) for M in (self.added, self.dense.M))
+        if not own > MOST_SLOWED * all_:
+            return Status.OK, ""
+        share = f"{own / all_:.0%} of the kinetic energy is inertia that `mass_scaling` adds"
+        return Status.UNRESOLVED, f"{share}; {MOST_SLOWED:.0%} is the most: what moves is slowed"
 
     # ------------------------------------------------------------------------------------------ range of validity
 

@@ -174,7 +174,7 @@ def basis_functions(knots: np.ndarray, x: np.ndarray, order: int) -> np.ndarray:
     return _basis_functions(knots.tobytes(), x.tobytes(), order)
 
 
-@lru_cache(maxsize=512)  # the designs of a study have the same pieces
+@lru_cache(maxsize=64)  # the designs of a study have the same pieces
 def _basis_functions(knots: bytes, x: bytes, order: int) -> np.ndarray:
     k = np.frombuffer(knots)
     t = np.concatenate([k[:1].repeat(DEGREE), k, k[-1:].repeat(DEGREE)])
