@@ -104,13 +104,15 @@ def fork_spare() -> bool:
 
 
 def _leave_home(socket: int) -> None:
-    """Make a fork what a started child is: its own environment, no input, and no files but its socket."""
+    """Make a fork what a started child is: its own environment, no input, no files but its socket, and prints that go
+    to stderr, wherever those of the parent went (a notebook, a test)."""
     environment = _environment()
     for name in os.environ.keys() - environment.keys():
         del os.environ[name]
     os.environ.update(environment)
     os.dup2(os.open(os.devnull, os.O_RDONLY), 0)
     os.dup2(2, 1)
+    sys.stdout, sys.stderr = (os.fdopen(handle, "w", buffering=1, closefd=False) for handle in (1, 2))
     for handle in map(int, os.listdir("/proc/self/fd")):
         if handle > 2 and handle != socket:
             with suppress(OSError):  # that of the listing itself
