@@ -888,7 +888,7 @@ def march(
         message = f"stopped at t = {grid[done - 1]:.6g} s" if done else f"stopped before t = {grid[0]:.6g} s"
         message = f"{message}; {note}" if guard != Status.OK else message
     if status == Status.OK and ask.mass_scaling is not None:
-        status, slow = model.slowed(out.v)
+        status, slow = model.scaling_harm(out.v)
         message = slow or message
     if status != Status.OK:
         message = f"{message}; {REMEDY[status]}" if message else REMEDY[status]

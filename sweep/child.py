@@ -47,7 +47,7 @@ def die_with_parent(parent: int) -> None:
 
 def keep_memory() -> None:
     """Let freed memory stay with this process: to give the pages of a run's signals back and fault them in again at the
-    next point took 7 % of points of 50 ms (3.4 to 4.5 ms of system time each)."""
+    next point costs short points some of their time."""
     if sys.platform == "linux":
         with suppress(AttributeError):  # another library than glibc
             mallopt = ctypes.CDLL(None).mallopt
